@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from references.reverb_direct import absorption_direct
+from references.reverb import absorption_direct
 from scipy import integrate
 
 from forest_addon.acoustics.air import DB_PER_NEPER, absorption

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from references.cylinder_mpmath import scattering_sum_mpmath
-from references.cylinders_mfs import scattered_mfs
-from references.reverb_direct import transfer_direct
+from references.cylinders import scattered_mfs, scattering_sum_mpmath
+from references.reverb import transfer_direct
 from scipy import special
 from scipy.integrate import trapezoid
 from scipy.linalg import solve_banded

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from references.disc_spheroidal import hard_disc_spheroidal
-from references.echo_direct import scattering_direct
-from references.hard_disc import HardDisc
+from references.discs import HardDisc, hard_disc_spheroidal
+from references.echoes import scattering_direct
 from scipy import integrate, special
 
 from forest_addon.acoustics import disc_table, kept_tables
@@ -262,7 +261,7 @@ class _Finer(HardDisc):
     """Half as many orders more, and so the quadrature of a larger disc's field."""
 
     def __init__(self, ka: float) -> None:
-        from references.hard_disc import _galerkin_matrix
+        from references.discs import _galerkin_matrix
 
         super().__init__(ka)
         self.orders = self.orders * 3 // 2

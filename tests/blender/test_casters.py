@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster
 
 from forest_addon import kernels
 from forest_addon.base.rng import stream

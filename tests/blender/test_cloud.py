@@ -36,8 +36,7 @@ from forest_addon.spec import Grammar, Look, Rays, SpecError, Species
 
 bpy = pytest.importorskip("bpy")
 
-from references.lidar_scenes import ground, scene_with, wall
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, ground, scene_with, wall
 from scipy.io import wavfile
 
 from forest_addon.blender.scene.layout import COLOUR_BY, COLOUR_MAP, SHARE

@@ -103,7 +103,7 @@ def forest(*sensors, species="silver-birch", detail="auto"):
             Planting(
                 species=species,
                 layout="rows",
-                variants=2,
+                variants=1,
                 targets=targets,
                 rows=Rows(rows=1, trees=10, tree_spacing=20.0),
             ),

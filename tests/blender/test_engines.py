@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 bpy = pytest.importorskip("bpy")
 
-from references.lidar_scenes import scene_with
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, scene_with
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh
 from forest_addon.blender.rays import casters

@@ -12,8 +12,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
-from references.lidar_scenes import ground, scene_with, wall
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, ground, scene_with, wall
 from scipy.optimize import curve_fit
 from scipy.signal import find_peaks
 

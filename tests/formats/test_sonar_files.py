@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from references.leaf_discs import discs_of
+from references.echoes import discs_of
 from scipy.io import wavfile
 
 from forest_addon.base.places import ASSETS

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD, TriMesh

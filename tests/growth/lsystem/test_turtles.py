@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from references.turtle_abop import walk_plainly
-from references.turtle_plain import grow_plainly
+from references.turtles import grow_plainly, walk_plainly
 from scipy.stats import chi2
 
 from forest_addon.base.rng import stream

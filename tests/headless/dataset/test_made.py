@@ -88,12 +88,6 @@ def test_truth_beside_a_cloud_is_its_own(undisturbed):
             assert set(data["tree"].tolist()) <= {int(tree["tree"]) for tree in trees}
 
 
-def test_two_workers_make_the_same_bytes(undisturbed, tmp_path):
-    ended = run(PLAN, "--out", tmp_path / "two", "--workers", "2", "--quiet")
-    assert ended.returncode == 0, ended.stderr
-    assert bytes_of(tmp_path / "two") == bytes_of(undisturbed)
-
-
 @pytest.mark.skipif(not os.environ.get("FOREST_LONG_TESTS"), reason="eight Blenders")
 def test_eight_workers_make_the_same_bytes_as_one(warm, tmp_path):
     words = (PLAN, "--quiet", "--set", "count=10")

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from references.lidar_scenes import scene_with
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, scene_with
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh
 from forest_addon.results.scan_file import write_scan

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from references.lidar_scenes import ground, scene_with, wall
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, ground, scene_with, wall
 from scipy import stats
 from scipy.spatial.transform import Rotation
 

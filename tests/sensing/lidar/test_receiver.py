@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from references.lidar_scenes import scene_with
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, scene_with
 from scipy.optimize import curve_fit
 
 from forest_addon.base.trimesh import LEAF, OTHER, TriMesh

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.lidar_scenes import ground, scene_with, wall
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, ground, scene_with, wall
 
 from forest_addon.base.trimesh import GROUND, WOOD, TriMesh
 from forest_addon.growth.mesh.meshing import tube

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from references.trunks_at_length import sum_at_length
+from references.reverb import sum_at_length
 
 from forest_addon.base.rng import stream
 from forest_addon.sensing.audit import held

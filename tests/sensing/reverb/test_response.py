@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references.rays_brute import BruteCaster
-from references.reverb_direct import reverb_spectrum_direct
+from references.rays import BruteCaster
+from references.reverb import reverb_spectrum_direct
 from scipy import special
 
 from forest_addon.acoustics.air import absorption

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.echo_scenes import scene_of, square_leaves
-from references.rays_brute import BruteCaster
+from references.echoes import scene_of, square_leaves
+from references.rays import BruteCaster
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join

@@ -9,9 +9,8 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from references.echo_direct import echo_spectrum_direct, leaf_direct
-from references.leaf_discs import discs_of
-from references.rays_brute import BruteCaster
+from references.echoes import discs_of, echo_spectrum_direct, leaf_direct
+from references.rays import BruteCaster
 
 from forest_addon.acoustics import nonuniform
 from forest_addon.acoustics.disc import backscatter, backscatter_amplitude

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references.leaf_discs import discs_of
+from references.echoes import discs_of
 from scipy.signal import windows
 from scipy.stats import chi2, poisson
 

@@ -7,11 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.disc_near import RigidDisc, disc_direct
-from references.echo_scenes import scene_of, square_leaves
-from references.facet_direct import triangle_direct
-from references.hard_disc import HardDisc
-from references.leaf_discs import discs_of
+from references.discs import HardDisc, RigidDisc, disc_direct
+from references.echoes import discs_of, scene_of, square_leaves, triangle_direct
 from scipy.special import j1
 
 from forest_addon.acoustics.cylinder import scattering_sum

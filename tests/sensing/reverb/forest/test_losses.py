@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from references.clutter_of_truth import blades_of_leaves, rods_of_skeleton
-from references.trunk_in_space import scattered_in_space
+from references.cylinders import scattered_in_space
+from references.reverb import blades_of_leaves, rods_of_skeleton
 
 from forest_addon.acoustics.cylinder import transfer
 from forest_addon.acoustics.ground import spherical_reflection, surface_impedance, under_leaves

@@ -8,8 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from references.spheres import answers, received, scattered
-from references.transport_in_space import in_ball_turned
+from references.reverb import answers, in_ball_turned, received, scattered
 from scipy.integrate import quad, trapezoid
 
 from forest_addon.base.rng import stream

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
-from references.trunks_at_length import sum_at_length
+from references.reverb import sum_at_length
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer

@@ -1,4 +1,6 @@
-"""A ray caster without any tree: every ray against every triangle of every instance, float64.
+"""Rays by brute force, and scenes that they are cast into.
+
+A ray caster without any tree: every ray against every triangle of every instance, float64.
 
 The reference for the casters in ``blender/``, and the caster of tests that run without Blender. Rays
 and triangles go in, the closest ``Hits`` come out (Möller & Trumbore 1997, both faces, edges
@@ -11,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from forest_addon.base.trimesh import GROUND, LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.rays.caster import Hits, hit_normals
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
@@ -106,3 +109,94 @@ def _unit(directions: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):
         scaled = directions / np.abs(directions).max(axis=1, keepdims=True)
         return scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+
+
+# -------------------------------------------------------------------------------------- lidar scenes
+# Scenes of a few flat things, whose every distance is known in closed form.
+
+
+def scene_with(*meshes):
+    count = len(meshes)
+    return SceneGeometry(
+        meshes=meshes,
+        transform=np.tile(np.eye(3, 4), (count, 1, 1)),
+        mesh_index=np.arange(count),
+        object_name=("x",) * count,
+        tree=np.arange(count) - 1,
+        species=np.arange(count) - 1,
+    )
+
+
+def ground(extent=500.0):
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * extent
+    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), GROUND)
+
+
+def wall(x, half=500.0):
+    corners = np.array([[x, -half, 0], [x, half, 0], [x, half, half], [x, -half, half]])
+    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), WOOD)
+
+
+# ----------------------------------------------------------------------------------- ordinary scenes
+# Ordinary scenes of boxes, walls, ground and leaves, drawn by seed; some of their faces lie on others.
+
+FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+
+
+def quad(corners, part):
+    """Two triangles."""
+    return TriMesh.of_part(np.asarray(corners, float), np.array([[0, 1, 2], [0, 2, 3]]), part)
+
+
+def level(low, high, height, part):
+    """A rectangle at a height."""
+    (x, y), (u, v) = low, high
+    return quad([(x, y, height), (u, y, height), (u, v, height), (x, v, height)], part)
+
+
+def box(low, high, part):
+    """A closed box of twelve triangles."""
+    ends = np.array([low, high], float)
+    corners = np.stack(np.meshgrid(*ends.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    return join([quad(corners[face], part) for face in FACES])
+
+
+def ordinary(rng: np.random.Generator) -> SceneGeometry:
+    """Ground, and on it what is drawn: a road at its height, boxes that share a face, a wall that stands
+    there twice, a card of a leaf with both of its sides, a box sunk into the ground up to its top."""
+    half = rng.uniform(6, 20)
+    things = [(level((-half, -half), (half, half), 0.0, GROUND), 0.2)]
+    for _ in range(int(rng.integers(1, 5))):
+        kind = rng.integers(6)
+        x, y = rng.uniform(-5, 5, 2)
+        w, d, h = rng.uniform(0.3, 3, 3)
+        part, bright = rng.choice([WOOD, OTHER]), rng.uniform(0.1, 0.9)
+        one = box((x, y, 0), (x + w, y + d, h), part)
+        if kind == 0:  # a road
+            things.append((level((x, -half), (x + w, half), 0.0, OTHER), bright))
+        elif kind == 1:
+            things += [(one, bright), (box((x + w, y, 0), (x + 2 * w, y + d, h), WOOD), 0.5)]
+        elif kind == 2:  # the same twice, under two names
+            things += [(one, bright), (one, rng.choice([bright, 0.5]))]
+        elif kind == 3:
+            things.append((box((x, y, -h), (x + w, y + d, 0), part), bright))
+        elif kind == 4:
+            card = quad([(x, y, h), (x + w, y, h), (x + w, y, h + d), (x, y, h + d)], LEAF)
+            back = TriMesh.of_part(card.vertices, card.triangles[:, ::-1], LEAF)
+            things.append((join([card, back]), bright))
+        else:
+            shelf = level((x - 1, y - 1), (x + w, y + d), h, OTHER)
+            things += [(one, bright), (shelf, 0.5)]
+    count = len(things)
+    place = np.tile(np.eye(3, 4), (count, 1, 1))
+    if rng.random() < 0.5:  # somewhere far off, turned
+        turn, shift = rng.uniform(0, 6), rng.uniform(-300, 300, 3)
+        cos, sin = np.cos(turn), np.sin(turn)
+        place[:, :3, :3] = [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]
+        place[:, :, 3] = shift
+    none = np.full(count, -1)
+    names = tuple(f"thing {n}" for n in range(count))
+    meshes, bright = zip(*things, strict=True)
+    return SceneGeometry(
+        tuple(meshes), place, np.arange(count), names, none, none, reflectance=np.array(bright)
+    )
