@@ -3,7 +3,7 @@
 The foliage echo as the formulas say it: one leaf, one frequency at a time, in plain Python.
 
 Nothing is shared with the product but the definitions of PHYSICS 4.1; the air is that of
-``reverb_direct``. Vectors are tuples, angles come from arccos and arctan of plain components.
+``reverb``. Vectors are tuples, angles come from arccos and arctan of plain components.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.sonar.leaves import LeafDiscs
 
-from .reverb_direct import absorption_direct
+from .reverb import absorption_direct
 
 Leaf = tuple[Sequence[float], Sequence[float], float]  # centre, unit normal, radius
 
