@@ -63,7 +63,7 @@ def drawn(seed, spread):
 
 @pytest.mark.parametrize("bins", [None, Bins(np.array([0.0, 0.2, 0.5, 0.3, 0.1]), 0.1, 3)])
 @pytest.mark.parametrize("spread", [0, 1])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_contacts_of_any_kind_make_the_same_echoes(by_both, seed, spread, bins):
     given = drawn(seed, spread)
     by_c, by_numpy = by_both(lambda: find_echoes(*given, bins=bins))
@@ -96,12 +96,12 @@ def tripod(**settings):
     [
         {"beam": dataclasses.replace(BEAM, extinction=0.01, subrays=7)},
         {
-            "angle_step_deg": 12.0,
+            "angle_step_deg": 20.0,
             "beam": dataclasses.replace(BEAM, divergence_mrad=(20.0, 5.0), subrays=150),
         },
         {"beam": dataclasses.replace(BEAM, subrays=1)},
         {"min_range": 4.0, "max_range": 9.0, "noise": Noise(range_sd=0.01, drop_out=0.1)},
-        {"angle_step_deg": 1.0, "azimuth_deg": (-15.0, 15.0), "elevation_deg": (-3.0, 9.0)},
+        {"angle_step_deg": 1.5, "azimuth_deg": (-15.0, 15.0), "elevation_deg": (-3.0, 9.0)},
         {"surfaces": Surfaces(leaf_transmittance=0.3)},
     ],
 )
@@ -109,7 +109,7 @@ def test_a_scan_is_the_same(by_both, settings):
     work = Scan(tripod(**settings), stand(), 3)
     by_c, by_numpy = by_both(lambda: work.look(0, work.pulses))
     alike(by_c, by_numpy)
-    assert len(by_c) > 100
+    assert len(by_c) > 30
 
 
 @pytest.mark.medium
