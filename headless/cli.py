@@ -28,6 +28,7 @@ from .command import (
     DoubtfulError,
     EndedError,
     UnlikeError,
+    declare,
     fault_of,
     is_told,
     scene_file,
@@ -86,11 +87,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(problem, 2)
     except ModuleNotFoundError as problem:
         return _fail(f"this needs {problem.name}: pip install {problem.name}", 2)
-    kept = command.kept(chosen)
+    kept = command.left(chosen)
     shown = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 closed, as by >&-
     with interruptible(kept), redirect_stdout(PlainStream(shown)):  # names are shown by many
         try:
-            lock = command.lock(chosen)
+            lock = command.lock_file(chosen)
             with nullcontext() if lock is None else only_one(lock.parent, lock.name):
                 _run(command, chosen)
         except ModuleNotFoundError as problem:
@@ -125,7 +126,7 @@ def _run(command: Command, chosen: argparse.Namespace) -> None:
     out = getattr(chosen, "out", None)
     keeper = Keeper(
         out if command.is_folder else None,
-        command.maker,
+        command.maker or command.name,
         force=getattr(chosen, "force", False),
         say=lambda text: print(plain(text), file=sys.stderr),
     )
@@ -182,14 +183,14 @@ def _parser() -> argparse.ArgumentParser:
             else argparse.HelpFormatter,
         )
         of_this.register("type", Path, _path)
-        command.arguments(of_this)
+        declare(of_this, command.options)
         if command.outputs:
             of_this.add_argument(
                 "--force",
                 action="store_true",
                 help="replace files there that Forest Sensing did not write, and say which",
             )
-        of_this.set_defaults(command=command)
+        of_this.set_defaults(command=command, **command.fixed)
         for action in of_this._actions:
             if action.type in (Path, scene_file, sound_file):
                 action.complete = FILES

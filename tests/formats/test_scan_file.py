@@ -21,9 +21,10 @@ from forest_addon.formats.copc import CELLS, nodes
 from forest_addon.formats.las import intensity_level, write_las
 from forest_addon.formats.table import write_npz
 from forest_addon.formats.wav import write_wav
+from forest_addon.results import POINT_FORMATS
 from forest_addon.results.coordinates import Offset
 from forest_addon.results.points import POINT, records
-from forest_addon.results.scan_file import FORMATS, write_scan
+from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud, Returns
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.spec import Beam, Noise, Receiver, SpecError, Terrestrial
@@ -70,7 +71,7 @@ def killed_after(pulses):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", POINT_FORMATS)
 def test_every_format_holds_the_scan(tmp_path, kind):
     path = tmp_path / f"scan.{kind}"
     done = write_scan(path, work(), 5, offset=OFFSET, at_once=100)
@@ -104,7 +105,7 @@ def test_every_format_holds_the_scan(tmp_path, kind):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", POINT_FORMATS)
 @pytest.mark.parametrize("kills", [(1,), (150, 300)])
 def test_an_interrupted_scan_ends_with_the_same_bytes(tmp_path, kind, kills):
     whole, cut = tmp_path / f"whole.{kind}", tmp_path / f"cut.{kind}"
@@ -245,7 +246,7 @@ def test_an_ending_that_is_not_known(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", POINT_FORMATS)
 def test_a_scan_that_sees_nothing(tmp_path, kind):
     sky = dataclasses.replace(SCANNER, elevation_deg=(60.0, 80.0))
     done = write_scan(tmp_path / f"a.{kind}", work(sky), 5)

@@ -28,10 +28,8 @@ from forest_addon.formats.ply import PlyFile
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.wav import write_wav
 from forest_addon.results.packed import read_values, write_values
-from headless import commands
 from headless.command import name_of
 from headless.commands import COMMANDS
-from headless.commands.lidar import LidarCommand
 from headless.dataset.engine import Worker
 from headless.lock import only_one
 from headless.unfinished import kind_of
@@ -124,7 +122,8 @@ def run(headless, inputs, tmp_path, monkeypatch, quick):
     here = tmp_path / "here"
     shutil.copytree(inputs, here)
     monkeypatch.chdir(here)
-    monkeypatch.setattr(commands.demo, "DEMO", here / "tiny.toml")
+    demo = next(command for command in COMMANDS if command.name == "demo")
+    monkeypatch.setitem(demo.fixed, "scene", here / "tiny.toml")
     monkeypatch.setattr("headless.report.trees.ICON", 24)
     return lambda name, out, *more: headless(*WORDS[name].format(out=out).split(), *more)
 
@@ -555,7 +554,8 @@ def test_a_folder_and_a_file_are_held_by_their_names(tmp_path):
         list = False
         out = tmp_path / "a.laz"
 
-    assert LidarCommand().lock(Chosen()) == tmp_path / ".a.lock"
+    lidar = next(command for command in COMMANDS if command.name == "lidar")
+    assert lidar.lock_file(Chosen()) == tmp_path / ".a.lock"
     with only_one(tmp_path, ".a.lock"), only_one(tmp_path, ".b.lock"):
         pass
     assert not list(tmp_path.iterdir())
