@@ -246,6 +246,8 @@ def test_what_ships_is_named_from_any_folder(word, tmp_path, monkeypatch):
 
 def test_a_mistyped_command_or_scene_is_answered_with_the_nearest(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    assert main(["--versoin"]) == 2
+    assert 'did you mean "--version"' in capsys.readouterr().err
     assert main(["rnu", "demo"]) == 2
     assert 'did you mean "run"' in capsys.readouterr().err
     assert main(["run", "dmo"]) == 2

@@ -512,7 +512,7 @@ def test_ctrl_c_ends_a_long_render(tmp_path):
     code, said = interrupt_when(process, rendering)
     assert code == 130
     assert "interrupted; finished files are kept" in said
-    assert all((out / name).exists() for name in ("forest.glb", "run.json"))
+    assert all((out / name).exists() for name in ("forest.blend", "run.json"))
     assert not (out / "preview.png").exists()
     no_half_written_files(out)
 
