@@ -27,9 +27,10 @@ from ...base.places import ASSETS
 from ...blender.scene.instances import SOLID_TYPES, SPECIES_KEY
 from ...blender.sensors import objects as sensors
 from ...blender.show.intensity import HANDLE_KEY
+from ...formats.toml_file import read_scanner, scanner_names
 from ...spec import Param, SpecError
 from ..shell.running import Button
-from ..shell.words import say
+from ..shell.words import keep, say
 
 
 @dataclass(frozen=True)
@@ -264,7 +265,6 @@ def _planted(_group: Any, context: Any, typed: str) -> list[str]:
 
 def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
     """Presets that are used on this platform."""
-    from ...formats.toml_file import read_scanner, scanner_names
 
     kind = type(group).__name__.removeprefix("FOREST_PG_")
     return [n for n in _matching(scanner_names(), typed) if kind in read_scanner(n).tables]
@@ -290,20 +290,18 @@ log = logging.getLogger(__name__)
 class FOREST_OT_take_note(Button, bpy.types.Operator):
     """Remove this message"""
 
-    bl_idname = "forest.take_note"
     bl_label = "Dismiss"
+    needs = (
+        (
+            lambda context: context.scene.forest_sensing.notice,
+            keep("There is nothing to take note of"),
+        ),
+    )
 
     @classmethod
     def description(cls, context: bpy.types.Context, _properties: Any) -> str:
         notice = context.scene.forest_sensing.notice
         return say("{notice}. Press to take this line away", notice=notice)
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        reason = super().obstacle(context)
-        if not reason and not context.scene.forest_sensing.notice:
-            reason = say("There is nothing to take note of")
-        return reason
 
     def act(self, context: bpy.types.Context) -> str:
         context.scene.forest_sensing.property_unset("notice")
