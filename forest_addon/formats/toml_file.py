@@ -22,6 +22,7 @@ import re
 import tomllib
 import typing
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -30,6 +31,7 @@ from typing import Any, TypeVar
 from ..base.places import ASSETS, version
 from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of, unknown
 from ..spec.base import WORDS, refuse_many, refuse_unknown, shown, typed
+from ..spec.choices import idle
 from .atomic import replacing
 from .foreign import guarded
 
@@ -175,6 +177,15 @@ def settings_of(name: str, kind: str, folder: Path = Path()) -> Mapping[str, Any
         able = " or ".join(f'"{k}"' for k in tables)
         raise SpecError("scanner", f'"{name}" is no {kind} scanner; use kind = {able}, or another')
     return tables[kind]
+
+
+def idle_in_sensor(sensor: Sensor, folder: Path = Path()) -> list[str]:
+    """Sentences about settings of a sensor without effect, but for those of the instrument that it is."""
+    usual = None
+    if scanner := getattr(sensor, "scanner", ""):
+        with suppress(SpecError):  # a sensor made in Python may call itself anything
+            usual = structure(settings_of(scanner, sensor.kind, folder), type(sensor))
+    return idle(sensor, usual)
 
 
 def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

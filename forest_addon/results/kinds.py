@@ -9,12 +9,15 @@ from __future__ import annotations
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import kernels
+from ..base.labels import Labels
 from ..formats.atomic import write_whole
+from ..formats.table import write_csv, write_npz
+from ..sensing.kind import Seen
 from ..spec import Scene, Sensor, SpecError
 from .coordinates import FILE, NO_OFFSET, Offset
 from .figures import Figure, numbers
@@ -24,10 +27,6 @@ from .reverb import REVERB
 from .scanner import SCANNER
 from .sonar import SONAR
 from .tractor import TRACTOR
-
-if TYPE_CHECKING:
-    from ..base.labels import Labels
-    from ..sensing.kind import Seen
 
 # Files and folders of a run, and of a scene of a dataset, that are no sensor's.
 OF_SCENE = (
@@ -150,7 +149,6 @@ def write_as(
 
 
 def _write_arrays(path: Path, sensor: Sensor, found: Finding) -> None:
-    from ..formats.table import write_npz
 
     record = results_of(sensor)
     write_npz(path, _arrays(record, found), dict(record.units))
@@ -158,7 +156,6 @@ def _write_arrays(path: Path, sensor: Sensor, found: Finding) -> None:
 
 def _write_table(path: Path, sensor: Sensor, found: Finding) -> None:
     """Write arrays of one length as columns; (N, K) becomes K columns."""
-    from ..formats.table import write_csv
 
     columns: dict[str, list[Any]] = {}
     for name, array in _arrays(results_of(sensor), found).items():
