@@ -226,8 +226,7 @@ def read_settings(path: Path, cls: type[T]) -> T:
     try:
         return structure(table, cls, path.parent)
     except SpecError as problem:
-        told = f"{problem.key}: {problem.problem}{later(written)}"
-        raise SpecError(str(path), told) from None
+        raise SpecError(str(path), f"{problem.key}: {problem.problem}{later(written)}") from None
 
 
 def write_settings(path: Path, settings: Settings) -> None:

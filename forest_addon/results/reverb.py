@@ -83,8 +83,7 @@ def _of_tail(error: np.ndarray | None, band: np.ndarray) -> Iterator[Figure]:
             "standard error of the tail's level by octave", band, np.append(np.nan, error), "dB", 1
         )
         worst = int(np.nanargmax(error))
-        said = f"{error[worst]:.1f} dB at {band[1 + worst]:g} Hz"
-        yield numbers("", "Tail Error", said)
+        yield numbers("", "Tail Error", f"{error[worst]:.1f} dB at {band[1 + worst]:g} Hz")
 
 
 def _of_model(reverb: Reverb, response: ImpulseResponse) -> list[Figure]:

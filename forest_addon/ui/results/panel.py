@@ -166,8 +166,7 @@ def _draw_looks(layout: bpy.types.UILayout, result: Any) -> None:
     if record is not None and record.sound is not None:
         layout.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
     if result.picture is not None:
-        shown = layout.operator("forest.show_picture", text="", icon="IMAGE_DATA")
-        shown.result = result.name
+        layout.operator("forest.show_picture", text="", icon="IMAGE_DATA").result = result.name
 
 
 def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:

@@ -363,8 +363,7 @@ class FOREST_MT_instruments(bpy.types.Menu):
         kind = sensors.kind_of(thing)
         for name, file in instruments().items():
             if kind in file.tables:
-                title = short(file.title)
-                choose = self.layout.operator("forest.choose_instrument", text=title)
+                choose = self.layout.operator("forest.choose_instrument", text=short(file.title))
                 choose.scanner = name
         none = self.layout.operator("forest.choose_instrument", text=label(OWN))
         none.scanner = ""

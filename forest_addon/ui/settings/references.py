@@ -171,8 +171,7 @@ def _names_in(items: Any) -> str:
 def _check(key: str, thing: Any) -> None:
     """One that was deleted lives on for the pointer's sake alone."""
     if isinstance(thing, bpy.types.Object) and not thing.users_collection:
-        problem = say('"{name}" was deleted; choose another, or none', name=thing.name)
-        raise SpecError(key, problem)
+        raise SpecError(key, say('"{name}" was deleted; choose another, or none', name=thing.name))
 
 
 def _find(group: Any, name: str) -> None:

@@ -65,8 +65,7 @@ def menu(props: Any, first: str) -> list[Choice]:
 
 @functools.lru_cache(maxsize=4)
 def _menu(edited: tuple[tuple[str, str], ...], first: str, _language: str) -> list[Choice]:
-    found = _choices(edited, (), _language)
-    ordered = sorted(found, key=lambda choice: choice[0] != first)
+    ordered = sorted(_choices(edited, (), _language), key=lambda choice: choice[0] != first)
     made = [
         (name, title, label("Grow a {species}", species=title), icon, number)
         for number, (name, title, _, icon, _) in enumerate(ordered)
@@ -297,8 +296,7 @@ class FOREST_OT_save_species(Button, bpy.types.Operator, ExportHelper):
         species, home = _read(item)
         path = Path(bpy.path.abspath(self.filepath)).resolve()
         path.parent.mkdir(parents=True, exist_ok=True)
-        own = relocated(replace(species, name=path.stem), home, path.parent)
-        write_settings(path, own)
+        write_settings(path, relocated(replace(species, name=path.stem), home, path.parent))
         _replace(scene, item, _called(path, props.folder))
         refresh()
         return say("Written: {file}", file=path)
