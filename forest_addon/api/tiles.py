@@ -329,7 +329,6 @@ class TiledScan:
         way: Trajectory | None = None,
         only: np.ndarray | None = None,
     ) -> None:
-
         if not is_scanner(sensor):
             raise SpecError(getattr(sensor, "name", "scan_to"), "is no scanner; use look")
         self.tiling, self.folder, self.way = tiling, folder, way

@@ -63,7 +63,6 @@ Table = dict[str, np.ndarray]
 
 def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a tree."""
-
     table = _both(forest, placed, tree_table, placed_table)
     numbers = [name for name in table if name.startswith("target_") or name == "in_band"]
     return table | {name: _numbers(table[name]) for name in numbers}
@@ -71,13 +70,11 @@ def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
 
 def leaves_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a leaf."""
-
     return _both(forest, placed, leaf_table, placed_leaves)
 
 
 def cylinders_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a segment of a branch."""
-
     return _both(forest, placed, cylinder_table, placed_cylinders)
 
 
@@ -88,7 +85,6 @@ def skeleton_in_world(forest: GrownForest | None, placed: PlacedTrees, tree: int
     ------
     SpecError : there is no tree of this number.
     """
-
     rows = np.flatnonzero(forest.stand.id == tree) if forest is not None else ()
     if forest is None or not len(rows):
         row = placed.row_of(tree)

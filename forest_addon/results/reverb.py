@@ -36,12 +36,18 @@ def _figures(reverb: Reverb, response: ImpulseResponse, seen: Seen | None) -> li
         from ..sensing.reverb.kind import trunks_of
 
         trunks = len(trunks_of(seen, reverb).radius)
-    return [*of_response(response, trunks), *_of_model(reverb, response)]
+    held, missing = terms_of(reverb, response.stand)
+    name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
+    return [
+        *of_response(response, trunks),
+        numbers("model", "", name),
+        numbers("in the model", "", "; ".join(held)),
+        numbers("not in the model", "", "; ".join(missing)),
+    ]
 
 
 def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Figure]:
     """Measures are those of the first channel."""
-
     channels = response.channels
     listed = ", ".join(channel.channel for channel in channels[:SHOWN_CHANNELS])
     if len(channels) > SHOWN_CHANNELS:
@@ -84,18 +90,6 @@ def _of_tail(error: np.ndarray | None, band: np.ndarray) -> Iterator[Figure]:
         )
         worst = int(np.nanargmax(error))
         yield numbers("", "Tail Error", f"{error[worst]:.1f} dB at {band[1 + worst]:g} Hz")
-
-
-def _of_model(reverb: Reverb, response: ImpulseResponse) -> list[Figure]:
-    """Return what is in the model, and what is not."""
-
-    held, missing = terms_of(reverb, response.stand)
-    name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
-    return [
-        numbers("model", "", name),
-        numbers("in the model", "", "; ".join(held)),
-        numbers("not in the model", "", "; ".join(missing)),
-    ]
 
 
 def _by_octave(name: str, band: np.ndarray, value: np.ndarray, unit: str, digits: int) -> Figure:
@@ -247,7 +241,6 @@ def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Off
 def _save(
     path: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset, _labels: Labels | None
 ) -> None:
-
     if path.suffix.lower() == ".sofa":
         _write_sofa(path, reverb, response)
     elif path.suffix.lower() == ".csv":
@@ -260,7 +253,6 @@ def _save(
 
 
 def _write_sound(path: Path, response: ImpulseResponse) -> None:
-
     write_wav(path, channels_of(response), response.sample_rate)
 
 
@@ -269,7 +261,6 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
 
     Arrays of measures are (C, B): by channel and by band, 0 Hz for the whole band.
     """
-
     channels = found.channels
     measures = [
         room_metrics(channel.samples, found.sample_rate, channel.left_db) for channel in channels
@@ -318,7 +309,6 @@ def _plot(_reverb: Reverb, response: ImpulseResponse) -> Plot:
 
 
 def _sound(_reverb: Reverb, response: ImpulseResponse) -> tuple[np.ndarray, float]:
-
     return channels_of(response), response.sample_rate
 
 
@@ -329,7 +319,6 @@ def wet_sound_of(
 
     Where source or receiver move, C are the channels of one moment, and the sound begins when the path does.
     """
-
     rate = response.sample_rate
     mono = np.asarray(dry, np.float64)
     mono = resample(mono.mean(axis=1) if mono.ndim == 2 else mono, dry_rate, rate)
@@ -348,7 +337,6 @@ def wet_sound_of(
 
 def _write_sofa(path: Path, reverb: Reverb, response: ImpulseResponse) -> None:
     """Write measurements, source by source and moment by moment, by receivers."""
-
     channels = response.channels
     rows: dict[tuple, list[ImpulseResponse]] = {}
     for one in channels:
@@ -366,7 +354,6 @@ def _write_sofa(path: Path, reverb: Reverb, response: ImpulseResponse) -> None:
 
 
 def _labelled(response: ImpulseResponse) -> tuple[Variables, Variables]:
-
     samples = channels_of(response)
     samples = samples[:, None] if samples.ndim == 1 else samples
     names = np.array([channel.channel for channel in response.channels])

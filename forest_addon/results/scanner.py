@@ -162,7 +162,6 @@ def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
 
 
 def _labelled(cloud: Cloud) -> tuple[Variables, Variables]:
-
     rows = records(cloud)
     return {
         name: (("point",), rows[name].copy(), UNITS.get(name, ""))

@@ -62,7 +62,6 @@ def _arrays(scan: TractorScan) -> dict[str, np.ndarray]:
 
 
 def _points(tractor: Tractor, scan: TractorScan) -> Cloud:
-
     return to_cloud(scan, tractor)
 
 

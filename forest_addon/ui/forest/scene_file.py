@@ -115,7 +115,6 @@ def write_scene(scene: bpy.types.Scene, path: Path) -> str:
     SpecError : a value that cannot be used.
     OSError : a file cannot be written.
     """
-
     path = path.resolve()
     settings, edited = to_spec(scene), edited_species(scene)
     origin = Path(bpy.path.abspath(scene.forest_sensing.folder))
@@ -168,7 +167,6 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
 
 def _with_edited(settings: spec.Scene, edited: Edited, path: Path) -> spec.Scene:
     """Write edited species into a folder beside a scene file; returns the settings that name them so."""
-
     home = path.with_name(f"{path.stem}-species")
     names = {name: f"{home.name}/{Path(name).name}" for name in edited}
     with keeping(Keeper(home, "panel", advice=say("choose another name, or move it away"))):
@@ -191,7 +189,6 @@ def open_scene(
     ------
     SpecError : the file cannot be used; nothing is changed.
     """
-
     settings = read_settings(path, spec.Scene)
     if beside:
         settings = beside_cube(scene, settings)

@@ -315,7 +315,6 @@ WORDS = {
 
 def endings_of(result: Any) -> tuple[str, ...]:
     """Return the endings of files that a result can be written to; none where nothing of it is kept."""
-
     if not (result.found or _scan_of(result)):
         return ()
     return tuple(ending for ending in record_of(result).endings if can_write(ending))
@@ -391,7 +390,6 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
 
     def check(self, _context: bpy.types.Context) -> bool:
         """The name follows the format that is chosen beside it."""
-
         path, before = Path(self.filepath), self.filepath
         had = ending_of(path)
         if had in WORDS and path.name:
@@ -412,7 +410,6 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
                 self.layout.prop(props, "dry", text="")
 
     def act(self, context: bpy.types.Context) -> str:
-
         endings = self._endings(context)
         if not endings:
             problem = say("{name} is not kept in this file. Run its sensor again", name=self.result)

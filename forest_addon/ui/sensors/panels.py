@@ -292,7 +292,6 @@ OWN = "My Own"
 @cache
 def instruments() -> dict[str, ScannerFile]:
     """Every instrument that the add-on brings, by the name of its file; read once."""
-
     return {name: read_scanner(name) for name in scanner_names()}
 
 
@@ -512,23 +511,18 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         layout.label(text="Where It Goes")
         draw_listed(layout, group, "poses", "pose")
     elif kind == "reverb":
-        _draw_further(layout, group)
-
-
-def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:
-    """Further sources and receivers of a reverb: places, and objects that are picked."""
-    for end, title in (
-        ("source", keep("Further Sources")),
-        ("receiver", keep("Further Receivers")),
-    ):
-        layout.label(text=label_kept(title))
-        draw_listed(layout, group, f"{end}s", end, "places")
-        objects = f"{end}_objects"
-        layout.label(text=name_in(type(group), objects))
-        items = f"{objects}_pointers"
-        draw_list(layout, group, items, f"{end}_object", "objects")
-        if getattr(group, items):
-            split(layout).prop(chosen(group, items), "thing")
+        for end, title in (
+            ("source", keep("Further Sources")),
+            ("receiver", keep("Further Receivers")),
+        ):
+            layout.label(text=label_kept(title))
+            draw_listed(layout, group, f"{end}s", end, "places")
+            objects = f"{end}_objects"
+            layout.label(text=name_in(type(group), objects))
+            items = f"{objects}_pointers"
+            draw_list(layout, group, items, f"{end}_object", "objects")
+            if getattr(group, items):
+                split(layout).prop(chosen(group, items), "thing")
 
 
 class FOREST_PT_thing(OfSensors, bpy.types.Panel):

@@ -103,7 +103,6 @@ def memory_of(found: list[Cost], kept: int = 1) -> float:
 
 def cost_in_words(found: list[Cost], frames: int = 1, keep: bool = False) -> str:
     """22.5 M pulses, about 5 min, 1.8 GB."""
-
     parts = []
     for what in ("pulses", "pings", "channels", "runs"):
         number = frames * sum(cost.count for cost in found if cost.what == what)

@@ -244,7 +244,6 @@ def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None)
 
 def take_scanner(props: Any, context: Any) -> None:
     """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
-
     kind = type(props).__name__.removeprefix("FOREST_PG_")
     folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     try:

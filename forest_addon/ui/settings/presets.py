@@ -66,7 +66,6 @@ def apply(kind: str, context: bpy.types.Context, values: dict[str, Any]) -> None
     ------
     SpecError : a value that cannot be used; nothing is changed.
     """
-
     names = [f.name for f in fields(SETTINGS[kind]) if _is_kept(kind, f.name)]  # type: ignore[arg-type]
     left = {n: value for n, value in _table(kind, context).items() if n not in names}
     known = {name: values[name] for name in names if name in values}
@@ -84,7 +83,6 @@ def _is_kept(kind: str, name: str) -> bool:
 
 def _table(kind: str, context: bpy.types.Context) -> dict[str, Any]:
     """Every setting of the chosen one, as a table of a scene file."""
-
     if kind in spec.SENSORS:
         return table_of(exchange.sensor_of(chosen_sensor(context)), whole=True)
     return table_of(exchange.read(group_of(kind, context), SETTINGS[kind]), whole=True)
@@ -127,7 +125,6 @@ class _PresetButton(AddPresetBase):
 
     def add(self, context: bpy.types.Context, path: str) -> None:
         """Write the file of a preset; Blender calls it."""
-
         try:
             values = json.dumps(values_of(self.kind, context))
         except SpecError as problem:

@@ -153,16 +153,6 @@ def listed_anew(group: Any, name: str) -> None:
     _set_text(group, name, _names_in(getattr(group, f"{name}_pointers")))
 
 
-def renew_texts(groups: Iterable[Any]) -> None:
-    """Have texts say what things are called now, for whoever reads the file without pointers."""
-    for group, name in product(groups, REFERENCES):
-        if {f"{name}_pointer", f"{name}_pointers"} & set(group.bl_rna.properties.keys()):
-            with suppress(SpecError):
-                text = name_of(group, name)
-                if getattr(group, name) != text:
-                    _set_text(group, name, text)
-
-
 def _names_in(items: Any) -> str:
     names = (item.thing.name if item.thing else item.name for item in items)
     return ", ".join(filter(None, names))
@@ -264,7 +254,6 @@ def _planted(_group: Any, context: Any, typed: str) -> list[str]:
 
 def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
     """Presets that are used on this platform."""
-
     kind = type(group).__name__.removeprefix("FOREST_PG_")
     return [n for n in _matching(scanner_names(), typed) if kind in read_scanner(n).tables]
 
@@ -351,7 +340,14 @@ def _sign(*_: object) -> None:
             props.layout = max(LAYOUT, props.layout)
             things = sensors.sensors_of(scene)
             of_sensors = (getattr(t.forest_sensor, sensors.kind_of(t)) for t in things)
-            renew_texts([props.forest.terrain, *props.plantings, *of_sensors])
+            for group, name in product(
+                ([props.forest.terrain, *props.plantings, *of_sensors]), REFERENCES
+            ):
+                if {f"{name}_pointer", f"{name}_pointers"} & set(group.bl_rna.properties.keys()):
+                    with suppress(SpecError):
+                        text = name_of(group, name)
+                        if getattr(group, name) != text:
+                            _set_text(group, name, text)
 
 
 def _has_settings(scene: bpy.types.Scene) -> bool:

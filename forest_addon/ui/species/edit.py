@@ -289,7 +289,6 @@ class FOREST_OT_save_species(Button, bpy.types.Operator, ExportHelper):
         return ExportHelper.invoke(self, context, event)
 
     def act(self, context: bpy.types.Context) -> str:
-
         scene = context.scene
         props = scene.forest_sensing
         item = edited_item(props)
@@ -489,7 +488,8 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         check_name(name)
         plain = all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path)
         groups = [] if plain else read_parts(wood, leaves)
-        folder = free_folder(species_folder(), name)
+        home = species_folder()
+        folder = home / free_name(name, "-", "", lambda name: (home / name).exists())
         brought = Brought(wood, leaves, height, groups=groups)
 
         def recognise(tell: Progress) -> Library:
@@ -544,8 +544,3 @@ def title_from(wood: Path) -> str:
     """A name for the species from its file, or from the folder where the file is just called wood."""
     plain = wood.stem.lower() in OF_WOOD and wood.parent.name
     return file_name(wood.parent.name if plain else wood.stem)
-
-
-def free_folder(home: Path, name: str) -> Path:
-    """A folder of this name that is not there yet; numbered where there is one."""
-    return home / free_name(name, "-", "", lambda name: (home / name).exists())
