@@ -696,9 +696,7 @@ def _tubes(line: Line, with_uv: bool, relief: Relief | None = None) -> TriMesh:
     )
 
 
-def _roughen(
-    out: np.ndarray, rings: _Rings, first: int, stem: np.ndarray, relief: Relief
-) -> None:
+def _roughen(out: np.ndarray, rings: _Rings, first: int, stem: np.ndarray, relief: Relief) -> None:
     """Give rings (R, n, 3) of axes from ``first`` on, which have as many corners, the relief of their bark.
 
     stem : (A,) whether each axis is a stem.
