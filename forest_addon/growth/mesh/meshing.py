@@ -347,7 +347,7 @@ class Relief:
         return np.asarray(f / np.sqrt(area)[:, None])
 
     def _rooted(self, angle: np.ndarray, up: np.ndarray, axis: int) -> np.ndarray:
-        """How far roots stand out (R, N), over the radius, at shares (R,) of the height where they end."""
+        """(R, N) relief of roots, over the radius, at shares (R,) of the height where the highest ends."""
         rng = stream(self.seed, "roots", axis)
         many = int(rng.integers(*ROOTS))
         way = 2 * np.pi * (np.arange(many) + 0.6 * rng.random(many)) / many
