@@ -151,10 +151,13 @@ def _run(command: Command, chosen: argparse.Namespace) -> None:
 
 
 def _refuse_unknown(words: Sequence[str]) -> None:
-    """Refuse a word that is no command, with the nearest; what begins with a dash is the parser's."""
-    names = [command.name for command in COMMANDS]
-    if words and not words[0].startswith("-") and words[0] not in names:
-        raise unknown("command", words[0], names)
+    """Refuse a first word that is neither a command nor an option, with the nearest."""
+    first = words[0].split("=")[0] if words else "-"
+    names, options = [command.name for command in COMMANDS], ("--help", "--version", "--completion")
+    if first.startswith("--") and not any(option.startswith(first) for option in options):
+        raise unknown("option", first, options)
+    if not first.startswith("-") and first not in names:
+        raise unknown("command", first, names)
 
 
 def _parser() -> argparse.ArgumentParser:

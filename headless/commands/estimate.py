@@ -27,7 +27,7 @@ from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
 from forest_addon.spec import Forest, Gaussian, Normal, Planting, Raster, Scene, SpecError, Targets
 from forest_addon.stand.compose import Inputs, process_of
-from forest_addon.stand.files import read_terrain
+from forest_addon.stand.files import read_terrain, refuse_sizes
 from forest_addon.stand.layouts import Process, sample
 from forest_addon.stand.statistics.intensity import (
     FittedMixture,
@@ -112,6 +112,7 @@ def estimate_site(
     trees = read_tree_map(path, crs)
     if not len(trees):
         raise SpecError(str(path), "has no trees below its header; give one a row")
+    refuse_sizes(path, trees)
     frame = _window(window) if window else Window.around(trees.position)
     outside = np.flatnonzero(~frame.contains(trees.position))
     if len(outside):
@@ -174,7 +175,7 @@ def estimate_site(
     else:
         say(without("The picture is left out"))
     say(f"Wrote {', '.join(written)}.")
-    say(f"Next: {PROGRAM} stand {out} --out points.csv")
+    say(f"Next: {PROGRAM} run {out}")
     return out
 
 
@@ -246,9 +247,8 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
         )
         file = f"{out.stem}-{name}-allometry.toml"
         write_settings(out.parent / file, law.changed(height=height))
-    spread = Normal(
-        mean=float(dbh.mean()), sd=float(dbh.std()), low=float(dbh.min()), high=float(dbh.max())
-    )
+    mean, sd, low, high = np.round([dbh.mean(), dbh.std(), dbh.min(), dbh.max()], 6).tolist()
+    spread = Normal(mean=mean, sd=sd, low=low, high=high)
     say(f"  {name}: dbh of {spread.mean:.2g} ± {spread.sd:.2g} m, heights by {file}")
     return Targets(allometry=file, dbh=spread)
 
@@ -298,9 +298,8 @@ def _window(words: Sequence[str]) -> Window:
 def _field(window: Window) -> Forest:
     corners = [tuple(tuple(map(float, corner)) for corner in ring) for ring in window.rings]
     polygon = {} if window.is_rectangle else {"polygon": corners[0], "holes": tuple(corners[1:])}
-    return Forest(
-        origin=tuple(map(float, window.low)), size=tuple(map(float, window.extent)), **polygon
-    )
+    origin, size = (tuple(side.round(6).tolist()) for side in (window.low, window.extent))
+    return Forest(origin=origin, size=size, **polygon)
 
 
 def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Inputs]:
