@@ -219,7 +219,7 @@ class EmbreeCaster(Search):
         rays += [np.full(count, limit, np.float64) for limit in (min_distance, max_distance)]
         nothing = np.full(count, -1)
         rays += [nothing] * 2 if leaving is None else [leaving.instance, leaving.triangle]
-        hits = Hits(*(np.empty((count, *size), kind) for size, kind in COLUMNS))
+        hits = Hits.misses(count)
         rays += vars(hits).values()
 
         def task(part: slice) -> None:
@@ -275,9 +275,6 @@ def met_by(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     met = np.flatnonzero(whole[:, HIT_GEOMETRY] != NONE)
     named = whole[met][:, [HIT_INSTANCE, HIT_PRIMITIVE]].astype(np.int64)
     return met, named[:, 0], named[:, 1]
-
-
-COLUMNS = ((), np.float64), ((), np.int64), ((), np.int64), ((3,), np.float64)  # of ``Hits``
 
 
 class EmbreeBuild:

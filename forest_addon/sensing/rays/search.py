@@ -97,11 +97,8 @@ class Search(RayCaster, ABC):
             begin, way, limit = _taken(rays, from_, ways, far)
             return self._nearest(begin, way, start, limit)
 
-        found = search_on(nearest, near, far, left.select(sound))
-        if len(sound) == len(origins):
-            return found
         hits = Hits.misses(len(origins))
-        hits.put(sound, found)
+        hits.put(sound, search_on(nearest, near, far, left.select(sound)))
         return hits
 
 
@@ -228,8 +225,7 @@ def whole_triangles(mesh: TriMesh) -> np.ndarray:
             u, v, w = (corner[:, k] - corner[:, n] for k, n in ((1, 0), (2, 0), (2, 1)))
             normal = u[[1, 2, 0]] * v[[2, 0, 1]] - u[[2, 0, 1]] * v[[1, 2, 0]]
             longest = np.sqrt(np.maximum.reduce([_dot(side, side) for side in (u, v, w)]))
-            farthest = np.abs(corner).max(axis=(0, 1))
-            step = np.spacing(farthest.astype(np.float32))
+            step = np.spacing(np.abs(corner).max(axis=(0, 1)).astype(np.float32))
             whole[part] = np.sqrt(_dot(normal, normal)) > FLAT * step * longest
     return whole
 
