@@ -97,7 +97,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1087, 14),
     "forest_addon/api": (920, 6),
     "forest_addon/base": (344, 12),
-    "forest_addon/blender": (5276, 39),
+    "forest_addon/blender": (5272, 39),
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1855, 12),
     "forest_addon/formats": (3446, 29),
