@@ -1,7 +1,7 @@
 """The exact disc's backscatter, tabulated: k·f by cubic splines in ka and incidence.
 
 ``hard_disc.npz`` holds, for each tabulated ka, the cosine series of k·f over the incidence;
-``packaging/make_disc_table.py`` makes it by ``tests/references/hard_disc.py``. Unfolded at first use, it
+``packaging/make_disc_table.py`` makes it by ``tests/references/discs.py``. Unfolded at first use, it
 becomes a grid that is even in √(ka + 1) and in √(β + 0.03), which puts the points where k·f oscillates and is
 large. What is interpolated is k·f over ``level``, which rises like k·f at normal incidence: as (ka)³, then
 as (ka)². What is unfolded is kept on the disk (``kept_tables``).
