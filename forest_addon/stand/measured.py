@@ -133,7 +133,9 @@ def with_targets(
         turned = told and bool(np.isfinite(listed.rotation).any())
         grows[group.rows] = species[group.number][0].crown is not None and not turned
     grows &= stand.number >= 0
-    lean[rows] = aside(stand.position[rows, :2], *wanted[rows, 1:3].T) * grows[rows, None]
+    canopy = canopy_of(wanted[rows, 0])
+    lean[rows] = aside(stand.position[rows, :2], *wanted[rows, 1:3].T, canopy)
+    lean *= grows[:, None]
     off = np.linalg.norm(lean, axis=1)
     rotation[off > 0] = azimuth_of(lean[off > 0])
     for rows, free in _free(wanted, groups, 1):
@@ -589,17 +591,21 @@ def _sides() -> np.ndarray:
     return np.column_stack([np.cos(side), np.sin(side)])
 
 
-def aside(place: np.ndarray, height: np.ndarray, width: np.ndarray) -> np.ndarray:
+def aside(
+    place: np.ndarray, height: np.ndarray, width: np.ndarray, canopy: np.ndarray
+) -> np.ndarray:
     """(N, 2) how far crowns of trees at places (N, 2) stand aside of their stems, in their radii.
 
     Crowns are displaced away from large and near neighbours, towards light (Muth and Bazzaz 2003, Can. J.
-    For. Res. 33:1323): here to the mean place of what neighbours leave of the area about a tree. Where one
-    side of it lies beyond the rectangle that the trees stand in, the other does not count either.
+    For. Res. 33:1323): here to the mean place of what neighbours of the canopy (N,) bool leave of the area
+    about a tree. Where one side of it lies beyond the rectangle that those stand in, the other does not
+    count either.
     """
     if len(place) < 2:
         return np.zeros((len(place), 2))
-    side, low, high = _sides(), place.min(axis=0), place.max(axis=0)
-    pairs = claimants(place, height, width, AROUND[-1])
+    side, low, high = _sides(), place[canopy].min(axis=0), place[canopy].max(axis=0)
+    tree, other = claimants(place, height, width, AROUND[-1])
+    pairs = tree[canopy[other]], other[canopy[other]]
     shift = np.zeros((len(place), 2))
     for share in AROUND:
         eye = place[:, None] + share * width[:, None, None] / 2 * side

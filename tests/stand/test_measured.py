@@ -504,12 +504,15 @@ def test_crowns_stand_aside_towards_the_light():
     place = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     gone = np.linalg.norm(place - place[40] - [2.5, 0.0], axis=1) < 0.1
     place, height, width = place[~gone], np.full(80, 15.0), np.full(80, 3.0)
-    found = aside(place, height, width)
+    every = np.ones(80, dtype=bool)
+    found = aside(place, height, width, every)
     assert found[40, 0] > 0.1  # to the gap at its side
     assert abs(found[40, 1]) < 1e-9
     assert np.abs(found[0]).max() < 1e-9  # as much light on all sides as it can be told
-    assert not aside(place, np.where(np.arange(80) == 40, 30.0, height), width)[40].any()  # taller
+    assert not aside(place, np.where(np.arange(80) == 40, 30.0, height), width, every)[
+        40
+    ].any()  # taller
     far = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]])
-    assert not aside(far, height[:3], width[:3]).any()
-    turned = aside(place @ [[0.0, 1.0], [-1.0, 0.0]], height, width)
+    assert not aside(far, height[:3], width[:3], every[:3]).any()
+    turned = aside(place @ [[0.0, 1.0], [-1.0, 0.0]], height, width, every)
     assert turned == pytest.approx(found @ [[0.0, 1.0], [-1.0, 0.0]], abs=1e-9)

@@ -279,8 +279,8 @@ def test_a_crown_stands_aside_of_an_upright_stem(wanted):
     name, dbh, height, width = wanted
     tree = tree_of(name, Wanted(dbh, height, width, 6.0, 30.0, aside=0.4))
     low, high = np.quantile(tree.leaves.centre[:, :2], [0.02, 0.98], axis=0)
-    assert (low + high)[0] / width == pytest.approx(0.32, abs=0.1)  # of the outermost leaves
-    assert abs((low + high)[1]) / width < 0.12
+    assert (low + high)[0] / width == pytest.approx(0.32, abs=0.12)  # of the outermost leaves
+    assert abs((low + high)[1]) / width < 0.2
     assert width_of(tree.leaves.centre) == pytest.approx(width, rel=0.05)
     stem = tree.skeleton.end[tree.skeleton.order == 0]
     assert np.abs(stem[stem[:, 2] < 6.0, :2]).max() < 0.3
