@@ -283,7 +283,7 @@ def test_a_crown_stands_aside_of_an_upright_stem(wanted):
     assert abs((low + high)[1]) / width < 0.2
     assert width_of(tree.leaves.centre) == pytest.approx(width, rel=0.05)
     stem = tree.skeleton.end[tree.skeleton.order == 0]
-    assert np.abs(stem[stem[:, 2] < 6.0, :2]).max() < 0.3
+    assert np.abs(stem[stem[:, 2] < 3.0, :2]).max() < 0.3
 
 
 @pytest.mark.medium
