@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import tempfile
 import time
 from collections.abc import Sequence
@@ -44,7 +45,9 @@ from .record import made_with
 from .store import claim_store, fetch, put
 
 FOLDER = "tiles"
+PLAN = "plan.npz"  # in it: what workers need not find again
 MOST_CUTS = 8  # along the edges of a tile
+MOST_AUDITED = 10  # tiles of a scan
 BLOCK = 250_000  # trees of trees.csv at a time
 NOT_WRITTEN = "report.html, pictures, leaves.npz, forest.blend, forest.glb and preview.png"
 
@@ -64,6 +67,7 @@ class TiledRun:
     scans: dict[str, TiledScan] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
+    doubtful: list[str] = field(default_factory=list)
 
     @property
     def folder(self) -> Path:
@@ -122,8 +126,8 @@ def run_in_tiles(
     Raises
     ------
     SpecError : a scene that cannot be cut into tiles. OSError : a file could not be written; what is
-    finished is kept. IncompleteError : a tile could not be made. DoubtfulError : ``strict`` and a warning;
-    everything is written.
+    finished is kept. IncompleteError : a tile could not be made. DoubtfulError : an audit found an error
+    beyond what was allowed, or ``strict`` and a warning; everything is written.
     """
     stages = Stages(quiet)
     stages.say(f"{settings.name}, seed {settings.seed}, in tiles")
@@ -144,7 +148,7 @@ def run_in_tiles(
     if share is None:
         remove_abandoned(run.folder)
     if store is not None:
-        claim_store(store, run.resume)
+        claim_store(store, "a field in tiles", run.resume)
         if run.resume:
             fetch(store / FOLDER, run.folder)
     _say_tiles(run)
@@ -180,8 +184,9 @@ def run_in_tiles(
             if one.name.startswith(pieces):
                 one.unlink()
     stages.say(f"Done: {len(run.files)} files in {store or out}")
-    if strict and stages.warnings:
-        raise DoubtfulError(f"{'; '.join(stages.warnings)}; the results are kept in {out}")
+    doubtful = [*run.doubtful, *(stages.warnings if strict else ())]
+    if doubtful:
+        raise DoubtfulError(f"{'; '.join(doubtful)}; the results are kept in {out}")
 
 
 @dataclass(frozen=True)
@@ -243,7 +248,8 @@ def _scans_of(job: TileJob) -> list[TiledScan]:
             fetch(job.store / FOLDER, out / FOLDER, ".npz")
         with hushed():
             empty_file()
-            run = TiledRun(scene, folder, Tiling.of(scene, folder), out, Stages(True))
+            tiling = Tiling.of(scene, folder, out / FOLDER / PLAN)
+            run = TiledRun(scene, folder, tiling, out, Stages(True))
         _known[said] = [run.scan(s) for s in scene.sensors if s.name in job.sensors]
     return _known[said]
 
@@ -276,7 +282,7 @@ def _say_tiles(run: TiledRun) -> None:
     run.stages.say(
         f"  {trees:,} trees in {across} tiles of {tiles.size:g} m, each with a buffer of {tiles.buffer:g} m"
     )
-    run.stages.say(f"  Not written of a field in tiles: {NOT_WRITTEN}; no audits")
+    run.stages.say(f"  Not written of a field in tiles: {NOT_WRITTEN}")
     run.facts["tiles"] = {"count": list(tiling.grid.count), "trees": trees}
 
 
@@ -293,10 +299,12 @@ def _make_pieces(
                 make_piece(list(run.scans.values()), piece, store=run.store)
                 progress(done + 1, len(todo))
             return told
+        run.tiling.keep(run.folder / PLAN)
         for scan in run.scans.values():
             scan.keep_pulses()
-            if run.store is not None:
-                put(run.folder, [scan.path_of_pulses.name], run.store / FOLDER)
+        if run.store is not None:
+            names = [scan.path_of_pulses.name for scan in run.scans.values()]
+            put(run.folder, [PLAN, *names], run.store / FOLDER)
 
         def report(outcome: SceneOutcome) -> None:
             told.append(outcome)
@@ -307,6 +315,8 @@ def _make_pieces(
         make_all(jobs_of(run, todo, cluster), cluster, report)
         if run.store is not None:
             fetch(run.store / FOLDER, run.folder)  # what workers elsewhere have made
+            (run.store / FOLDER / PLAN).unlink(missing_ok=True)
+        (run.folder / PLAN).unlink(missing_ok=True)
     lost = [one.why for one in told if one.kind != "done"]
     if lost:
         raise IncompleteError(f"{len(lost)} pieces could not be made: {lost[0]}; --resume goes on")
@@ -406,9 +416,34 @@ class TileCost:
         }
 
 
+def _audited(run: TiledRun, scan: TiledScan) -> dict[str, Any]:
+    """The audits of some tiles of a scan, drawn by chance, by their names."""
+    pieces, name, seed = scan.pulses.pieces, scan.sensor.name, run.asked.seed
+    count = min(math.ceil(run.asked.accuracy.audit * len(pieces)), MOST_AUDITED)
+    drawn = np.sort(stream(seed, "audit", "tiles", name).permutation(pieces)[:count])
+    told: dict[str, Any] = {}
+    with run.stages.stage(f"audit {count} of {len(pieces)} pieces of {name}") as progress:
+        for piece in drawn.tolist():
+            with hushed():
+                audit = scan.audit(piece)
+            _told(run, scan.path(piece).stem, audit)
+            checks = [check.record() for check in audit.checks]  # without seconds: notes are the same
+            told[scan.path(piece).stem] = {"kept": audit.kept, "checks": checks}
+            progress(len(told), count)
+    return told
+
+
+def _told(run: TiledRun, name: str, audit: Any) -> None:
+    """Say an audit; what it doubts is an error at the end."""
+    run.stages.detail(f"{name}: {audit}")
+    if not audit.kept:
+        run.doubtful.append(f"{name}: {audit}")
+
+
 def _join(run: TiledRun, scan: TiledScan) -> None:
     """One file of a scan, and its note."""
     sensor = scan.sensor
+    audits = _audited(run, scan)
     path = run.out / f"{sensor.name}.laz"
     with run.stages.stage(f"write {path.name}") as progress:
         written = scan.join(path, progress)
@@ -420,7 +455,7 @@ def _join(run: TiledRun, scan: TiledScan) -> None:
     files = [path.name] if path.is_file() else []
     files += [str(p.relative_to(run.out)) for p in sorted(path.with_suffix("").glob("*.*"))]
     facts = {"pulses": written.pulses, "points": written.points, "followed": scan.pulses.followed}
-    facts["furthest_m"] = round(scan.pulses.furthest, 3)
+    facts["furthest_m"], facts["audits"] = round(scan.pulses.furthest, 3), audits
     for lost in written.lost:
         run.stages.warn(f"{sensor.name}: lost {lost}")
     if not written.points:
@@ -434,6 +469,8 @@ def _look(run: TiledRun, sensor: Any) -> None:
         with hushed():
             world = run.tiling.hearing(sensor)
         result = world.look(sensor, progress)
+    if result.audit is not None:
+        _told(run, sensor.name, result.audit)
     for warning in result.warnings:
         run.stages.warn(warning)
     made = write_finding(run.out, result.sensor, result.found, Offset.of(run.tiling.scene))

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -20,6 +22,7 @@ import numpy as np
 
 from ..base.places import version
 from ..base.progress import Progress
+from ..base.rng import stream
 from ..base.rows import blocks
 from ..formats.ownership import remove
 from ..results.coordinates import Offset
@@ -39,6 +42,9 @@ from ..tiles import (
     buffer_of,
     is_part,
     join_parts,
+    keep_arrays,
+    kept_arrays,
+    rows_of,
     tiled_pulses,
     write_part,
 )
@@ -49,10 +55,12 @@ from .world import World
 
 if TYPE_CHECKING:
     from ..results.scan_file import Written
+    from ..sensing.audit import Audit
     from ..sensing.lidar.scan import Scan
     from ..sensing.trajectory import Trajectory
 
 PARTS = "parts"
+PROBED = 1000  # trees, by which two plans are held to be the same
 
 
 @dataclass(frozen=True)
@@ -70,7 +78,8 @@ class Tile:
 class Tiling:
     """A forest that is planned, and built tile by tile.
 
-    site : its settings and inputs. forest : all trees. grid : its tiles.
+    site : its settings and inputs. forest : all trees. grid : its tiles. kept : what another process found
+    of the same forest (``keep``), so that it need not be found again.
 
     >>> from forest_addon import api as forest
     >>> bush = forest.Planting(species="hazelnut", variants=1, expected=9, exact=True)
@@ -83,10 +92,13 @@ class Tiling:
     site: Site
     forest: TiledForest
     grid: TileGrid
+    kept: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene, folder: str | Path = ".") -> Self:
+    def of(cls, scene: Scene, folder: str | Path = ".", kept: Path | None = None) -> Self:
         """Plan the forest of a scene with ``[tiles]``, and grow its variants.
+
+        kept : file of ``keep``, taken where it is of the same forest.
 
         Raises
         ------
@@ -98,7 +110,18 @@ class Tiling:
             site = Site.of(scene, folder)
             plan = ForestPlan.of(site.scene, site.species, site.inputs)
             grid = TileGrid.of(site.scene.forest, site.scene.tiles.size)
-            return cls(site, TiledForest(plan, grid), grid)
+            known = kept_arrays(kept, _said(plan)) if kept else {}
+            return cls(site, TiledForest(plan, grid, known), grid, known)
+
+    def keep(self, path: Path) -> None:
+        """Write what took time to find, for other processes that plan the same forest.
+
+        Raises
+        ------
+        OSError : it cannot be written.
+        """
+        found = {"digest": self.digest, "extent": np.array(self.extent, dtype=float)}
+        keep_arrays(path, _said(self.forest.plan), self.forest.tables | found)
 
     @property
     def scene(self) -> Scene:
@@ -244,6 +267,8 @@ class Tiling:
         """(2, 3) lowest and highest corner of all trees' boxes; None without any."""
         if not len(self.forest.outermost):
             return None
+        if "extent" in self.kept:
+            return np.asarray(self.kept["extent"])
         part = self.forest.part(self.forest.outermost)
         keys = keys_of(part.stand)
         number = {key: k for k, key in enumerate(keys)}
@@ -276,12 +301,9 @@ class Tiling:
     @cached_property
     def digest(self) -> str:
         """Return what decides what rays meet in the forest, in one number."""
-        total = hashlib.blake2b(digest_size=16)
-        rays = Rays(engine=self.scene.rays.engine)  # their number of threads decides nothing
-        tiles = self.scene.tiles.changed(files="merged")
-        scene = self.scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
-        said = [version(), asdict(scene)]
-        total.update(json.dumps(said, sort_keys=True, default=str).encode())
+        if self.kept:
+            return str(self.kept["digest"])
+        total = _decided(self.scene)
         for rows in blocks(len(self.forest)):
             stand = self.forest.stand(rows)
             for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
@@ -289,6 +311,25 @@ class Tiling:
         for tree in self.forest.trees.values():
             total.update(np.ascontiguousarray(tree.mesh.vertices).view(np.uint8).data)
         return total.hexdigest()
+
+
+def _decided(scene: Scene) -> Any:
+    """The hash of what settings decide of a forest."""
+    rays = Rays(engine=scene.rays.engine)  # their number of threads decides nothing
+    tiles = scene.tiles.changed(files="merged")
+    scene = scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
+    said = [version(), asdict(scene)]
+    text = json.dumps(said, sort_keys=True, default=str)
+    return hashlib.blake2b(text.encode(), digest_size=16)
+
+
+def _said(plan: ForestPlan) -> str:
+    """The settings of a plan, and some of its trees, in one number."""
+    total, stand = _decided(plan.scene), plan.measured.stand
+    some = stand.select(np.arange(0, len(stand), len(stand) // PROBED + 1))
+    for array in (some.position, some.rotation, some.scale, some.variant, np.array(len(stand))):
+        total.update(np.ascontiguousarray(array).view(np.uint8).data)
+    return str(total.hexdigest())
 
 
 def _refuse(scene: Scene) -> None:
@@ -352,10 +393,10 @@ class TiledScan:
         for array in (probe.origin, probe.direction):
             total.update(np.ascontiguousarray(array).view(np.uint8).data)
         self._digest = total.hexdigest()[:32]
-        kept = None if only is not None else TiledPulses.read(self.path_of_pulses, self._digest)
-        buffer = tiling.scene.tiles.buffer
-        self.pulses: TiledPulses = kept or tiled_pulses(
-            self.sensor, self.pattern, tiling.grid, tiling.forest.bounds, buffer, only
+        kept = {} if only is not None else kept_arrays(self.path_of_pulses, self._digest)
+        known = tiling.grid, tiling.forest.bounds, tiling.scene.tiles.buffer, only
+        self.pulses: TiledPulses = (
+            TiledPulses(**kept) if kept else tiled_pulses(self.sensor, self.pattern, *known)
         )
 
     @property
@@ -365,7 +406,7 @@ class TiledScan:
 
     def keep_pulses(self) -> None:
         """Write for other processes which pulses belong to which piece."""
-        self.pulses.write(self.path_of_pulses, self._digest)
+        keep_arrays(self.path_of_pulses, self._digest, vars(self.pulses))
 
     @property
     def followed(self) -> str:
@@ -437,20 +478,54 @@ class TiledScan:
     def _look(
         self, pulses: Iterable[np.ndarray], world: World
     ) -> Iterator[tuple[int, np.ndarray, Sequence[Any]]]:
+        with self._ready(world) as (scan, _, told):
+            for many in pulses:
+                for first in range(0, len(many), scan.at_once):
+                    some = many[first : first + scan.at_once]
+                    cloud = scan.look_around_faults(some)
+                    yield len(some), told(cloud), cloud.lost
+
+    @contextmanager
+    def _ready(self, world: World) -> Iterator[tuple[Scan, Any, Callable[[Any], np.ndarray]]]:
+        """The scan in a tile's world, its geometry, and what makes the records of a cloud."""
         from ..sensing.lidar.scan import Scan
 
         tiling = self.tiling
         with world.still() as observer:
             observer.prepare(self.sensor, self.way)
-            scan: Scan = Scan(self.sensor, observer.eyes(self.sensor), tiling.scene.seed, self.way)
             number = tiling.numbered(observer.geometry)
-            offset = Offset.of(tiling.scene)
-            for many in pulses:
-                for first in range(0, len(many), scan.at_once):
-                    some = many[first : first + scan.at_once]
-                    cloud = scan.look_around_faults(some)
-                    returns = replace(cloud.returns, instance=number[cloud.returns.instance])
-                    yield len(some), records(replace(cloud, returns=returns), offset), cloud.lost
+
+            def told(cloud: Any) -> np.ndarray:
+                returns = replace(cloud.returns, instance=number[cloud.returns.instance])
+                return records(replace(cloud, returns=returns), Offset.of(tiling.scene))
+
+            eyes = observer.eyes(self.sensor)
+            yield Scan(self.sensor, eyes, tiling.scene.seed, self.way), observer.geometry, told
+
+    def audit(self, piece: int) -> Audit:
+        """Pulses of a piece that is made, looked at again: their records to the byte, and the cloud that they
+        are of by the exact way, as the audit of any scan.
+
+        Raises
+        ------
+        OSError : the part of the piece cannot be read.
+        """
+        from ..sensing.audit import AuditPart, held
+        from ..sensing.lidar.audit import parts_of_scan
+
+        begin, seed = time.perf_counter(), self.tiling.scene.seed
+        with self._ready(self.world(piece)) as (scan, geometry, told):
+            sent = next(self.pulses.numbers(piece, AT_ONCE))
+            cloud = scan.look_around_faults(sent)
+            there, again = rows_of(self.path(piece)), told(cloud)
+            there = there[(there["pulse"] >= sent[0]) & (there["pulse"] <= sent[-1])]
+            wrong = np.inf if there.tobytes() != again.tobytes() else 0.0
+            alike = AuditPart(1, lambda _: np.array([wrong]), (("tiles made again", 0.0, ""),))
+            share = self.tiling.scene.accuracy.audit
+            parts = parts_of_scan(scan, cloud, share, geometry, sent)
+            made, rng = time.perf_counter(), stream(seed, "audit", self.sensor.name, piece)
+            found = held([*parts, alike], rng, made - begin)
+            return replace(found, audit_seconds=time.perf_counter() - made)
 
     def join(
         self,

@@ -70,7 +70,7 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
     disk.clean(out)
     claim(*(out / name for name in ("plan.toml", MANIFEST, *CARD)))
     if asked.store is not None:
-        claim_store(asked.store, goes_on=True)
+        claim_store(asked.store, "a dataset", goes_on=True)
         _take_scenes(asked.store / disk.SCENES, out)
     missing = _missing(wanted, out, asked.replace)
     write_plan(plan, out)

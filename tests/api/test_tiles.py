@@ -127,6 +127,43 @@ def test_a_scan_that_was_ended_goes_on_and_a_pulse_is_followed_or_missed(whole, 
 
 
 @pytest.mark.slow
+def test_a_tile_is_audited_and_what_was_changed_is_seen(tmp_path):
+    tiling = tiled(SCENE.changed(plantings=SCENE.plantings[1:]), size=20.0, buffer=2.0)
+    scanner = SCANNERS[1].changed(beam=forest.Beam(), pulse_rate=400.0)
+    work = forest.TiledScan(tiling, scanner, tmp_path)
+    piece = int(work.todo(False)[1])
+    work.make(piece)
+    audit = work.audit(piece)
+    assert audit.kept
+    assert audit.checks[-1].what == "tiles made again"
+    assert audit.checks[0].of < work.pulses.count
+    rows = bytearray(work.path(piece).read_bytes())
+    rows[-3] ^= 1
+    work.path(piece).write_bytes(rows)
+    assert not work.audit(piece).kept
+
+
+@pytest.mark.slow
+def test_what_another_process_found_of_a_forest_is_taken_and_no_other(tmp_path):
+    scene = SCENE.changed(
+        forest=FIELD.changed(instancing="points"), tiles=forest.Tiles(size=20.0, buffer=3.0)
+    )
+    tiling = forest.Tiling.of(scene)
+    tiling.keep(tmp_path / "plan.npz")
+    again = forest.Tiling.of(scene, kept=tmp_path / "plan.npz")
+    assert again.kept
+    assert again.digest == tiling.digest
+    assert np.array_equal(again.extent, tiling.extent)
+    for name, value in tiling.forest.tables.items():
+        assert np.array_equal(again.forest.tables[name], value), name
+    for column in ("position", "scale", "sink", "variant"):
+        both = (getattr(one.forest.stand(), column) for one in (tiling, again))
+        assert np.array_equal(*both)
+    for change in ({"seed": 5}, {"tiles": forest.Tiles(size=10.0, buffer=3.0)}):
+        assert not forest.Tiling.of(scene.changed(**change), kept=tmp_path / "plan.npz").kept
+
+
+@pytest.mark.slow
 def test_files_of_tiles_hold_the_points_over_them(whole, tmp_path):
     scene, _, _, _ = whole
     tiling = tiled(scene, size=16.0, buffer=4.0, files="both")

@@ -15,7 +15,7 @@ from forest_addon import api as forest
 from forest_addon.spec import SpecError
 from headless.catalogue import write_catalogue
 from headless.cli import main
-from headless.store import MARK, store_of
+from headless.store import MARK, claim_store, store_of
 
 FIELD = """
 seed = 3
@@ -116,9 +116,18 @@ def test_objects_of_a_user_stay_as_they_are(tmp_path, empty_blender, capsys):
     assert run(field, tmp_path / "one", "--store", empty) == 0
     (store_of(empty) / "tiles/0.png").write_bytes(b"a map")
     assert run(field, tmp_path / "two", "--store", empty) == 2
-    assert "holds a run's results; --resume" in capsys.readouterr().err
+    assert "holds a field in tiles; --resume" in capsys.readouterr().err
     assert run(field, tmp_path / "two", "--store", empty, "--resume") == 0
     assert (store_of(empty) / "tiles/0.png").read_bytes() == b"a map"
+
+
+def test_a_store_of_another_command_is_left():
+    store = store_of("memory://shared/place")
+    claim_store(store, "a dataset", goes_on=True)
+    claim_store(store, "a dataset", goes_on=True)
+    with pytest.raises(SpecError, match=r"holds a dataset; take an empty place"):
+        claim_store(store, "a field in tiles", goes_on=True)
+    assert (store / MARK).read_text() == "Forest Sensing: a dataset"
 
 
 def test_a_folder_is_no_store(tmp_path):
@@ -141,7 +150,7 @@ def test_workers_write_to_s3(tmp_path, empty_blender, monkeypatch):
         store_of("s3://forests").mkdir()
         field = field_of(tmp_path)
         assert run(field, tmp_path / "whole") == 0
-        words = ("--workers", "2", "--store", "s3://forests/field")
+        words = ("--workers", "1", "--store", "s3://forests/field")
         assert run(field, tmp_path / "out", *words) == 0
         assert objects_of(store_of("s3://forests/field")) == bytes_of(tmp_path / "whole")
     finally:
