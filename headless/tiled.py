@@ -427,7 +427,9 @@ def _audited(run: TiledRun, scan: TiledScan) -> dict[str, Any]:
             with hushed():
                 audit = scan.audit(piece)
             _told(run, scan.path(piece).stem, audit)
-            checks = [check.record() for check in audit.checks]  # without seconds: notes are the same
+            checks = [
+                check.record() for check in audit.checks
+            ]  # without seconds: notes are the same
             told[scan.path(piece).stem] = {"kept": audit.kept, "checks": checks}
             progress(len(told), count)
     return told

@@ -6,6 +6,7 @@ import shutil
 
 import laspy
 import numpy as np
+import pyproj
 import pytest
 
 pytest.importorskip("bpy")
@@ -181,8 +182,15 @@ def test_copc_of_tiles_open_as_one_by_their_catalogue(tmp_path, empty_blender):
         assert item.properties["forest:seed"] == 3
         assert "run field.toml --seed 3" in item.properties["forest:command"]
         # The meridian of zone 32 is 9 degrees east; 5,000 km north are 45.15 degrees.
-        assert np.allclose(item.bbox, [9.0, 45.153, 9.0, 45.153], atol=2e-3)
-        assert {"X", "Y", "Z"} <= {column["name"] for column in item.properties["pc:schemas"]}
+        assert np.allclose(np.delete(item.bbox, [2, 5]), [9.0, 45.153, 9.0, 45.153], atol=2e-3)
+        names = {column["name"] for column in item.properties["pc:schemas"]}
+        assert {"X", "Y", "Z", "Intensity", "ReturnNumber", "GpsTime", "tree"} <= names
+        # What QGIS and pdal_wrench ask a VPC for.
+        assert feature["stac_version"] == "1.0.0"
+        said = feature["properties"]
+        assert said["proj:epsg"] == pyproj.CRS(said["proj:wkt2"]).to_epsg() == 32632
+        assert said["proj:geometry"]["type"] == "Polygon"
+        assert said["proj:bbox"] == item.properties["proj:bbox"]
         low, high = np.array(item.properties["proj:bbox"]).reshape(2, 3)
         assert np.allclose(low, found[-1].min(axis=0), atol=1e-3)
         assert np.allclose(high, found[-1].max(axis=0), atol=1e-3)
