@@ -29,10 +29,10 @@ from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Scanner, SpecError
+from . import POINT_FORMATS
 from .coordinates import NO_OFFSET, Offset
 from .points import ending_of, point_type, records, write_packets, write_rows
 
-FORMATS = ("laz", "las", "copc.laz", "ply", "double.ply", "pcd", "npz")
 ROWS_AT_ONCE = 200_000
 SAVED_EVERY = 1.0  # s; a disk takes some of the time of a chunk for each saving
 
@@ -158,15 +158,17 @@ def _saved(file: PlyFile, noted: Path, state: ScanState, rows: Sequence[np.ndarr
 
 
 def stem_of(path: Path) -> str:
-    """The name of a file of points without its ending, one of ``FORMATS``.
+    """The name of a file of points without its ending, one of ``POINT_FORMATS``.
 
     Raises
     ------
     SpecError : an ending that is not known.
     """
     kind = ending_of(path).lstrip(".")
-    if kind not in FORMATS:
-        raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
+    if kind not in POINT_FORMATS:
+        raise SpecError(
+            str(path), f"cannot be written; end its name in .{', .'.join(POINT_FORMATS)}"
+        )
     return path.name[: -len(kind) - 1]
 
 

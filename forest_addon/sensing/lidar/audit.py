@@ -160,8 +160,7 @@ def ray_errors(
     """(R,) metres between what an engine and float64 find; a miss counts as a hit at ``reach``."""
     ours = np.minimum(caster.cast(origins, directions, reach).distance, reach)
     right = np.minimum(Referee(caster).cast(origins, directions, reach).distance, reach)
-    errors: np.ndarray = np.abs(ours - right)
-    return errors
+    return np.abs(ours - right)
 
 
 def _out_of_order(scan: Scan, cloud: Cloud) -> np.ndarray:

@@ -269,26 +269,6 @@ def test_texture_runs_in_metres_along_the_stem():
     np.testing.assert_allclose(mesh.uv[..., 1][below], 0, atol=1e-6)
 
 
-@pytest.mark.parametrize("sides", [3, 8, 24])
-def test_straight_tube_has_the_circles_perimeter_and_faces_outwards(sides):
-    points = np.array([[0, 0, 0], [0, 0, 1.0], [0, 0, 2.5]])
-    mesh = TriMesh.of_part(*tube(points, np.full(3, 0.2), sides), WOOD)
-    widened = 0.2 * np.pi / (sides * np.sin(np.pi / sides))
-    cap = sides / 2 * widened**2 * np.sin(2 * np.pi / sides)
-    assert area(mesh) == pytest.approx(2 * np.pi * 0.2 * 2.5 + 2 * cap, rel=1e-12)  # the circle's
-    assert volume(mesh) == pytest.approx(cap * 2.5, rel=1e-12)  # positive: outward facing
-
-
-def test_closed_and_without_twist_along_a_helix():
-    t = np.linspace(0, 4 * np.pi, 200)
-    points = np.stack([np.cos(t), np.sin(t), 0.3 * t], axis=1)
-    vertices, triangles = tube(points, np.full(len(t), 0.05), 8)
-    assert_watertight(TriMesh.of_part(vertices, triangles, WOOD))
-    rings = vertices[:-2].reshape(len(t), 8, 3) - points[:, None]
-    turn = np.einsum("rki,rki->rk", rings[:-1], rings[1:]) / 0.05**2
-    assert turn.min() > 0.95  # no corner jumps to another's place
-
-
 def test_turned_back_on_itself_stays_finite():
     points = np.array([[0, 0, 0], [0, 0, 1.0], [0, 1e-9, 0.2]])
     vertices, _ = tube(points, np.full(3, 0.1), 6)

@@ -10,10 +10,10 @@ import sys
 import time
 
 import pytest
+from references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, command, run
 
 from forest_addon.base.rng import stream
 from headless.lock import only_one
-from tests.references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, command, run
 
 pytestmark = [
     pytest.mark.slow,
@@ -92,7 +92,7 @@ def whole(request, tmp_path, warm):
     indirect=["whole"],
 )
 def test_a_few_kills_lose_nothing(whole, tmp_path, warm, work):
-    disturbed(tmp_path / "data", 1, 3, 1, work=work)
+    disturbed(tmp_path / "data", 1, 3, 2, work=work)
     finish(tmp_path / "data", run=warm.run, work=work)
     assert bytes_of(tmp_path / "data") == whole
 
