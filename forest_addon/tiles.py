@@ -17,9 +17,11 @@ number of their pulses, the pieces are what the scan of the whole forest writes,
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .base.kept import LastAsked
+from .base.places import version
 from .base.progress import Progress
 from .base.rows import Drawn, blocks, distinct, slots
 from .formats.atomic import partial_of, replacing
@@ -40,8 +43,8 @@ from .sensing.lidar.cloud import Lost, together
 from .sensing.lidar.footprint import reach
 from .sensing.lidar.pattern import LiDAR, Pattern, Pulses
 from .sensing.looks import Upright
-from .sensing.rays.geometry import boxes_of
-from .spec import Forest, Scanner
+from .sensing.rays.geometry import SceneGeometry, boxes_of
+from .spec import Forest, Output, Rays, Scanner, Scene
 from .stand.forest import ForestPlan, GrownForest, counts_of, keys_of
 from .stand.intensity.surface import sink
 from .stand.plan import Stand, labels
@@ -53,10 +56,11 @@ SLACK = 0.01  # metres that a tree may reach beyond what its mesh says, for roun
 Key = tuple[int, int]  # planting and variant
 TABLES = (  # of a planned forest, which take time to find
     *("_foot", "_wide", "_least", "_top", "_first", "_by_tile", "in_tile", "across", "most"),
-    *("low", "high", "bounds", "outermost", "by_variant"),
+    *("low", "high", "bounds", "outermost", "by_variant", "extent", "digest"),
 )
 AT_ONCE = 262_144  # pulses
 SPARSE = 16  # of so many pulses one is looked at where few tiles are wanted
+PROBED = 1000  # trees, by which two plans are held to be the same
 LEVELS = 32  # of buffers; the first is that of the settings
 FIRST = 10.0  # metres: the least buffer that is doubled
 SPARE = 0.01  # metres about a path, for rounding
@@ -76,8 +80,7 @@ def kept_arrays(path: Path, said: str) -> dict[str, Any]:
     if not path.is_file():
         return {}
     with np.load(path) as data:
-        found = {name: data[name] for name in data.files}
-    found = {name: value if value.ndim else value.item() for name, value in found.items()}
+        found = {name: value if value.ndim else value.item() for name, value in data.items()}
     return found if found.pop("said", None) == said else {}
 
 
@@ -146,12 +149,10 @@ class TiledForest:
     its foot. across : m, the largest distance between two points of one tree. low, high : lowest and highest
     coordinate z of any tree. bounds : (2, 3) lowest and highest corner of the box that all trees are in.
     outermost : rows of those that may reach to the bounds of the whole. in_tile : (T,) trees of each tile.
-    notes : of the plan. kept : ``tables`` of another one of the same forest.
+    notes : of the plan. kept : file of ``keep``, taken where it is of the same forest.
     """
 
-    def __init__(
-        self, plan: ForestPlan, grid: TileGrid, kept: Mapping[str, Any] | None = None
-    ) -> None:
+    def __init__(self, plan: ForestPlan, grid: TileGrid, kept: Path | None = None) -> None:
         self.plan, self._grid, self.notes = plan, grid, plan.notes()
         self.counts = counts_of(plan.measured.stand)
         self.trees = KeptTrees(plan, self.counts)
@@ -164,15 +165,29 @@ class TiledForest:
         alone: Any = Drawn(len(drawn), sunk)
         is_drawn = isinstance(drawn.scale, Drawn)
         self._stand = replace(drawn, sink=alone) if is_drawn else plan.placed(self.trees)
-        if kept:
-            vars(self).update({name: kept[name] for name in TABLES})
-        else:
+        known = kept_arrays(kept, self._said) if kept else {}
+        vars(self).update(known)
+        if not known:
             self._measure()
 
+    def keep(self, path: Path) -> None:
+        """Write what took time to find, for other processes that plan the same forest.
+
+        Raises
+        ------
+        OSError : it cannot be written.
+        """
+        found = {name: getattr(self, name) for name in TABLES}
+        keep_arrays(path, self._said, {k: v for k, v in found.items() if v is not None})
+
     @property
-    def tables(self) -> dict[str, Any]:
-        """Return what takes time to find, as ``kept`` of another process takes it."""
-        return {name: getattr(self, name) for name in TABLES}
+    def _said(self) -> str:
+        """The settings and some of the trees, in one number."""
+        total, stand = _decided(self.plan.scene), self.plan.measured.stand
+        some = stand.select(np.arange(0, len(stand), len(stand) // PROBED + 1))
+        for array in (some.position, some.rotation, some.scale, some.variant, np.array(len(stand))):
+            total.update(np.ascontiguousarray(array).view(np.uint8).data)
+        return str(total.hexdigest())
 
     def _measure(self) -> None:
         """Find how far trees of each variant reach, the bounds of all, and which stand in which tile."""
@@ -277,10 +292,53 @@ class TiledForest:
             laws=measured.laws,
         )
 
+    @cached_property
+    def extent(self) -> np.ndarray | None:
+        """(2, 3) lowest and highest corner of all trees' boxes; None without any."""
+        if not len(self.outermost):
+            return None
+        part = self.part(self.outermost)
+        keys = keys_of(part.stand)
+        number = {key: k for k, key in enumerate(keys)}
+        pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
+        low, high = SceneGeometry(
+            meshes=tuple(part.variants[key].mesh for key in keys),
+            transform=part.transforms(),
+            mesh_index=np.array([number[pair] for pair in pairs]),
+            object_name=(),
+            tree=part.stand.id,
+            species=part.stand.species,
+            object_index=part.stand.id,
+            crowd=tuple(self.counts[key] for key in keys),
+        ).bounds()
+        found = np.isfinite(low).all(axis=1)
+        return np.array([low[found].min(axis=0), high[found].max(axis=0)]) if found.any() else None
+
+    @cached_property
+    def digest(self) -> str:
+        """Return what decides what rays meet in the forest, in one number."""
+        total = _decided(self.plan.scene)
+        for rows in blocks(len(self)):
+            stand = self.stand(rows)
+            for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
+                total.update(np.ascontiguousarray(array).view(np.uint8).data)
+        for tree in self.trees.values():
+            total.update(np.ascontiguousarray(tree.mesh.vertices).view(np.uint8).data)
+        return str(total.hexdigest())
+
     def parts(self, at_once: int) -> Iterator[GrownForest]:
         """All trees, so many at a time."""
         for first in range(0, max(len(self), 1), at_once):
             yield self.part(np.arange(first, min(first + at_once, len(self))))
+
+
+def _decided(scene: Scene) -> Any:
+    """The hash of what settings decide of a forest."""
+    rays = Rays(engine=scene.rays.engine)  # their number of threads decides nothing
+    tiles = scene.tiles.changed(files="merged")
+    scene = scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
+    text = json.dumps([version(), asdict(scene)], sort_keys=True, default=str)
+    return hashlib.blake2b(text.encode(), digest_size=16)
 
 
 def _outer(place: np.ndarray, reach: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> np.ndarray:

@@ -23,8 +23,10 @@ from forest_addon.spec import SpecError
 DATE = datetime(1980, 1, 1, tzinfo=UTC)  # as in the files' headers
 CATALOG = "catalog.json"
 TYPES = {"f": "floating", "i": "signed"}
-SCHEMAS = "https://stac-extensions.github.io"
-VIRTUAL = [f"{SCHEMAS}/{name}/schema.json" for name in ("pointcloud/v1.0.0", "projection/v1.1.0")]
+VIRTUAL = [
+    "https://stac-extensions.github.io/pointcloud/v1.0.0/schema.json",
+    "https://stac-extensions.github.io/projection/v1.1.0/schema.json",
+]
 
 
 def write_catalogue(folder: Path, files: Sequence[Path], crs: str, told: Mapping[str, Any]) -> None:

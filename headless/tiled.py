@@ -73,6 +73,11 @@ class TiledRun:
     def folder(self) -> Path:
         return self.out / FOLDER
 
+    def say_audit(self, name: str, audit: Any) -> None:
+        """Say an audit; what it doubts is an error at the end."""
+        self.stages.detail(f"{name}: {audit}")
+        self.doubtful += [] if audit.kept else [f"{name}: {audit}"]
+
     def scan(self, sensor: Any, only: np.ndarray | None = None) -> TiledScan:
         """The scan of one of its scanners."""
         way = self.tiling.way(sensor)
@@ -85,7 +90,7 @@ class TiledRun:
     def digest(self, sensor: Any) -> str:
         """Return what decides a sensor's result."""
         said = json.dumps(
-            [self.tiling.digest, dataclasses.asdict(sensor), self.tiling.scene.tiles.files],
+            [self.tiling.forest.digest, dataclasses.asdict(sensor), self.tiling.scene.tiles.files],
             sort_keys=True,
             default=str,
         )
@@ -157,10 +162,6 @@ def run_in_tiles(
     for sensor in todo:
         remove(run.note(sensor.name))
         if is_scanner(sensor):
-            if sensor.receiver.sample_ns:
-                raise SpecError(
-                    "receiver.sample_ns", "tiles keep no waveforms; leave one of them out"
-                )
             run.scans[sensor.name] = scan = run.scan(sensor)
             if scan.followed:
                 stages.say(f"  {scan.followed}")
@@ -299,7 +300,7 @@ def _make_pieces(
                 make_piece(list(run.scans.values()), piece, store=run.store)
                 progress(done + 1, len(todo))
             return told
-        run.tiling.keep(run.folder / PLAN)
+        run.tiling.forest.keep(run.folder / PLAN)
         for scan in run.scans.values():
             scan.keep_pulses()
         if run.store is not None:
@@ -336,8 +337,8 @@ def jobs_of(run: TiledRun, pieces: Sequence[int], cluster: Cluster) -> list[Tile
 
 def sample_tiles(
     scene: Scene, folder: Path, share: float, cluster: Cluster, stages: Stages
-) -> TileCost:
-    """Scan some tiles of a field, by chance, in a folder that is removed.
+) -> dict[str, Any]:
+    """Scan some tiles of a field, by chance, in a folder that is removed; what all cost, with 95 % intervals.
 
     share : of all tiles, at least two.
 
@@ -367,18 +368,25 @@ def sample_tiles(
                 run.scans[sensor.name] = scan = run.scan(sensor, chosen)
             pulses += seconds_of_pulses(scan.sensor, scan.pattern, grid, run.tiling.forest.bounds)
         told = _make_pieces(run, cluster)
-        trials = []
         with stages.stage("weigh their files"):
-            for tile in chosen.tolist():
-                trials.append(
-                    _weigh(run, tile, [one for one in told if one.scene // LEVELS == tile])
-                )
-        return TileCost(Estimate(len(grid), tuple(trials), ()), plan, pulses)
+            trials = tuple(_weigh(run, tile, told) for tile in chosen.tolist())
+    found = Estimate(len(grid), trials, ())
+    return {
+        "tiles": found.count,
+        "scanned": len(found.scenes),
+        "cpu_hours": [one + (plan + pulses) / 3600 for one in found.whole(found.seconds / 3600)],
+        "bytes": found.whole(np.array([one.size for one in found.scenes])),
+        "points": found.whole(np.array([one.points for one in found.scenes])),
+        "memory_bytes_a_worker": found.peak,
+        "plan_cpu_seconds": plan,
+        "pulses_cpu_seconds": pulses,
+    }
 
 
 def _weigh(run: TiledRun, tile: int, told: Sequence[SceneOutcome]) -> Trial:
     """Cost of a tile, of which the pieces have been made: seconds of the sensors and of writing, bytes."""
     start, size, points = time.process_time(), 0, 0
+    told = [one for one in told if one.scene // LEVELS == tile]
     for scan in run.scans.values():
         parts = [scan.path(piece) for piece in scan.pulses.pieces if piece // LEVELS == tile]
         if parts:
@@ -390,56 +398,19 @@ def _weigh(run: TiledRun, tile: int, told: Sequence[SceneOutcome]) -> Trial:
     return Trial(seconds, points, size, max((one.peak for one in told), default=0.0))
 
 
-@dataclass(frozen=True)
-class TileCost:
-    """Cost of all tiles of a field as a sample of them tells it: the sample, CPU seconds in which a process
-    plans the field, and those in which all pulses are dealt to tiles."""
-
-    tiles: Estimate
-    plan: float
-    pulses: float
-
-    def record(self) -> dict[str, Any]:
-        """Numbers with their 95 % intervals, by name."""
-        found = self.tiles
-        hours = found.whole(found.seconds / 3600)
-        more = (self.plan + self.pulses) / 3600
-        return {
-            "tiles": found.count,
-            "scanned": len(found.scenes),
-            "cpu_hours": [one + more for one in hours],
-            "bytes": found.whole(np.array([one.size for one in found.scenes])),
-            "points": found.whole(np.array([one.points for one in found.scenes])),
-            "memory_bytes_a_worker": found.peak,
-            "plan_cpu_seconds_a_worker": self.plan,
-            "pulses_cpu_seconds": self.pulses,
-        }
-
-
 def _audited(run: TiledRun, scan: TiledScan) -> dict[str, Any]:
     """The audits of some tiles of a scan, drawn by chance, by their names."""
-    pieces, name, seed = scan.pulses.pieces, scan.sensor.name, run.asked.seed
+    pieces, sensor = scan.pulses.pieces, scan.sensor.name
     count = min(math.ceil(run.asked.accuracy.audit * len(pieces)), MOST_AUDITED)
-    drawn = np.sort(stream(seed, "audit", "tiles", name).permutation(pieces)[:count])
-    told: dict[str, Any] = {}
-    with run.stages.stage(f"audit {count} of {len(pieces)} pieces of {name}") as progress:
-        for piece in drawn.tolist():
-            with hushed():
-                audit = scan.audit(piece)
-            _told(run, scan.path(piece).stem, audit)
-            checks = [
-                check.record() for check in audit.checks
-            ]  # without seconds: notes are the same
-            told[scan.path(piece).stem] = {"kept": audit.kept, "checks": checks}
-            progress(len(told), count)
+    drawn = np.sort(stream(run.asked.seed, "audit", sensor).permutation(pieces)[:count])
+    with run.stages.stage(f"audit {count} of {len(pieces)} pieces of {sensor}"), hushed():
+        audits = {scan.path(piece).stem: scan.audit(piece) for piece in drawn}
+    told = {}
+    for name, audit in audits.items():
+        run.say_audit(name, audit)
+        checks = [check.record() for check in audit.checks]  # no seconds: notes are the same
+        told[name] = {"kept": audit.kept, "checks": checks}
     return told
-
-
-def _told(run: TiledRun, name: str, audit: Any) -> None:
-    """Say an audit; what it doubts is an error at the end."""
-    run.stages.detail(f"{name}: {audit}")
-    if not audit.kept:
-        run.doubtful.append(f"{name}: {audit}")
 
 
 def _join(run: TiledRun, scan: TiledScan) -> None:
@@ -472,7 +443,7 @@ def _look(run: TiledRun, sensor: Any) -> None:
             world = run.tiling.hearing(sensor)
         result = world.look(sensor, progress)
     if result.audit is not None:
-        _told(run, sensor.name, result.audit)
+        run.say_audit(sensor.name, result.audit)
     for warning in result.warnings:
         run.stages.warn(warning)
     made = write_finding(run.out, result.sensor, result.found, Offset.of(run.tiling.scene))
@@ -495,13 +466,12 @@ def _write_stand(run: TiledRun) -> None:
         parts = (on_the_map(tree_table(part), offset) for part in tiling.forest.parts(BLOCK))
         write_csv(run.out / "trees.csv", parts)
         write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.parts(BLOCK)))
-        tiles = tiling.tiles
-        table: dict[str, list[Any]] = {"tile": [t.name for t in tiles]}
-        for end in ("low", "high"):
-            for axis, name in enumerate("xy"):
-                corner = [float(getattr(t, end)[axis]) + offset[axis] for t in tiles]
-                table[f"{end}_{name}_m"] = corner
-        table["trees"] = [t.trees for t in tiles]
+        grid = tiling.grid
+        every = np.arange(len(grid))
+        table: dict[str, Any] = {"tile": [grid.name(tile) for tile in every]}
+        for end, corner in zip(("low", "high"), grid.corners(every), strict=True):
+            table |= {f"{end}_{axis}_m": corner[:, k] + offset[k] for k, axis in enumerate("xy")}
+        table["trees"] = tiling.forest.in_tile
         write_csv(run.out / "tiles.csv", table)
     run.files += ["trees.csv", "leaf_angles.csv", "tiles.csv"]
 

@@ -12,24 +12,20 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from ..base.places import version
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..base.rows import blocks
 from ..formats.ownership import remove
 from ..results.coordinates import Offset
 from ..results.points import COPC, records
 from ..sensing.kinds import choose, kind_of
 from ..sensing.rays.geometry import SceneGeometry
-from ..spec import Output, Rays, Scene, Sensor, SpecError
+from ..spec import Scene, Sensor, SpecError
 from ..stand.forest import ForestPlan, keys_of
 from ..tiles import (
     AT_ONCE,
@@ -60,45 +56,31 @@ if TYPE_CHECKING:
     from ..sensing.trajectory import Trajectory
 
 PARTS = "parts"
-PROBED = 1000  # trees, by which two plans are held to be the same
-
-
-@dataclass(frozen=True)
-class Tile:
-    """A tile: its number and name (column-row), corners (2,) m, and how many trees are its own."""
-
-    number: int
-    name: str
-    low: np.ndarray
-    high: np.ndarray
-    trees: int
 
 
 @dataclass(frozen=True, eq=False)
 class Tiling:
     """A forest that is planned, and built tile by tile.
 
-    site : its settings and inputs. forest : all trees. grid : its tiles. kept : what another process found
-    of the same forest (``keep``), so that it need not be found again.
+    site : its settings and inputs. forest : all trees. grid : its tiles.
 
     >>> from forest_addon import api as forest
     >>> bush = forest.Planting(species="hazelnut", variants=1, expected=9, exact=True)
     >>> scene = forest.Scene(seed=1, plantings=(bush,), tiles=forest.Tiles(size=15, buffer=5))
     >>> tiling = forest.Tiling.of(scene)
-    >>> len(tiling.tiles), sum(tile.trees for tile in tiling.tiles)
-    (4, 9)
+    >>> len(tiling.grid), tiling.forest.in_tile.sum()
+    (4, np.int64(9))
     """
 
     site: Site
     forest: TiledForest
     grid: TileGrid
-    kept: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Scene, folder: str | Path = ".", kept: Path | None = None) -> Self:
         """Plan the forest of a scene with ``[tiles]``, and grow its variants.
 
-        kept : file of ``keep``, taken where it is of the same forest.
+        kept : what another process wrote of the same forest (``TiledForest.keep``), which is not found again.
 
         Raises
         ------
@@ -110,32 +92,12 @@ class Tiling:
             site = Site.of(scene, folder)
             plan = ForestPlan.of(site.scene, site.species, site.inputs)
             grid = TileGrid.of(site.scene.forest, site.scene.tiles.size)
-            known = kept_arrays(kept, _said(plan)) if kept else {}
-            return cls(site, TiledForest(plan, grid, known), grid, known)
-
-    def keep(self, path: Path) -> None:
-        """Write what took time to find, for other processes that plan the same forest.
-
-        Raises
-        ------
-        OSError : it cannot be written.
-        """
-        found = {"digest": self.digest, "extent": np.array(self.extent, dtype=float)}
-        keep_arrays(path, _said(self.forest.plan), self.forest.tables | found)
+            return cls(site, TiledForest(plan, grid, kept), grid)
 
     @property
     def scene(self) -> Scene:
         """Return its settings."""
         return self.site.scene
-
-    @property
-    def tiles(self) -> tuple[Tile, ...]:
-        """Return all tiles, row by row from the field's corner."""
-        low, high = self.grid.corners(np.arange(len(self.grid)))
-        return tuple(
-            Tile(number, self.grid.name(number), low[number], high[number], count)
-            for number, count in enumerate(self.forest.in_tile.tolist())
-        )
 
     def build(self, tile: int, buffer: float | None = None) -> World:
         """Put a tile's trees into Blender with those whose crowns reach within its buffer.
@@ -242,7 +204,7 @@ class Tiling:
         world = World(self.scene, self.site.folder, part, place)
         observer = world.observer
         seen = observer.geometry
-        observer.geometry = replace(seen, crowd=self._crowd(seen), extent=self.extent)
+        observer.geometry = replace(seen, crowd=self._crowd(seen), extent=self.forest.extent)
         return world
 
     @property
@@ -262,30 +224,6 @@ class Tiling:
             many[mesh] = self.forest.counts[key]
         return tuple(many.tolist())
 
-    @cached_property
-    def extent(self) -> np.ndarray | None:
-        """(2, 3) lowest and highest corner of all trees' boxes; None without any."""
-        if not len(self.forest.outermost):
-            return None
-        if "extent" in self.kept:
-            return np.asarray(self.kept["extent"])
-        part = self.forest.part(self.forest.outermost)
-        keys = keys_of(part.stand)
-        number = {key: k for k, key in enumerate(keys)}
-        pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
-        low, high = SceneGeometry(
-            meshes=tuple(part.variants[key].mesh for key in keys),
-            transform=part.transforms(),
-            mesh_index=np.array([number[pair] for pair in pairs]),
-            object_name=(),
-            tree=part.stand.id,
-            species=part.stand.species,
-            object_index=part.stand.id,
-            crowd=tuple(self.forest.counts[key] for key in keys),
-        ).bounds()
-        found = np.isfinite(low).all(axis=1)
-        return np.array([low[found].min(axis=0), high[found].max(axis=0)]) if found.any() else None
-
     def numbered(self, geometry: SceneGeometry) -> np.ndarray:
         """(I + 1,) numbers that instances of a tile's scene have in that of the whole; -1 of none, last."""
         trees = np.flatnonzero(geometry.tree >= 0)
@@ -298,39 +236,6 @@ class Tiling:
             number[others] += len(self.forest)
         return number
 
-    @cached_property
-    def digest(self) -> str:
-        """Return what decides what rays meet in the forest, in one number."""
-        if self.kept:
-            return str(self.kept["digest"])
-        total = _decided(self.scene)
-        for rows in blocks(len(self.forest)):
-            stand = self.forest.stand(rows)
-            for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
-                total.update(np.ascontiguousarray(array).view(np.uint8).data)
-        for tree in self.forest.trees.values():
-            total.update(np.ascontiguousarray(tree.mesh.vertices).view(np.uint8).data)
-        return total.hexdigest()
-
-
-def _decided(scene: Scene) -> Any:
-    """The hash of what settings decide of a forest."""
-    rays = Rays(engine=scene.rays.engine)  # their number of threads decides nothing
-    tiles = scene.tiles.changed(files="merged")
-    scene = scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
-    said = [version(), asdict(scene)]
-    text = json.dumps(said, sort_keys=True, default=str)
-    return hashlib.blake2b(text.encode(), digest_size=16)
-
-
-def _said(plan: ForestPlan) -> str:
-    """The settings of a plan, and some of its trees, in one number."""
-    total, stand = _decided(plan.scene), plan.measured.stand
-    some = stand.select(np.arange(0, len(stand), len(stand) // PROBED + 1))
-    for array in (some.position, some.rotation, some.scale, some.variant, np.array(len(stand))):
-        total.update(np.ascontiguousarray(array).view(np.uint8).data)
-    return str(total.hexdigest())
-
 
 def _refuse(scene: Scene) -> None:
     """Say what of a scene cannot be cut into tiles."""
@@ -338,16 +243,34 @@ def _refuse(scene: Scene) -> None:
         raise SpecError(
             "tiles.size", "is 0: the field is one scene; give the length of a tile's edges"
         )
-    if scene.accuracy.detail == "auto":
-        why = "looks at all trees of a variant together, which tiles do not have"
-        raise SpecError("accuracy.detail", f'"auto" {why}; use "full"')
-    if scene.wind.speed > 0:
-        raise SpecError("wind.speed", "cannot be used with tiles; use 0, or take tiles away")
-    if scene.blend:
-        why = "cannot be used with tiles: its objects would stand in the scene of every tile"
-        raise SpecError("blend", f"{why}; take one of them away")
-    if scene.stems:
-        raise SpecError("stems", "are for reverb, which hears all of a forest; take tiles away")
+    refused = {
+        "accuracy.detail": (
+            scene.accuracy.detail == "auto",
+            '"auto" looks at all trees of a variant together, which no tile has; use "full"',
+        ),
+        "wind.speed": (
+            scene.wind.speed > 0,
+            "moves trees by the height and leaves of the whole stand, which no tile has; use 0, or take a "
+            "smaller field without tiles",
+        ),
+        "blend": (
+            bool(scene.blend),
+            "cannot be used with tiles: its objects would stand in the scene of every tile; take one of them "
+            "away",
+        ),
+        "stems": (
+            bool(scene.stems),
+            "are for reverb, which hears all trunks at once; take tiles away: a million stems are one scene",
+        ),
+    }
+    _refuse_any(refused)
+
+
+def _refuse_any(refused: Mapping[str, tuple[bool, str]]) -> None:
+    """Raise a SpecError of the first key that is asked for, with its sentence."""
+    for key, (asked, why) in refused.items():
+        if asked:
+            raise SpecError(key, why)
 
 
 class TiledScan:
@@ -376,18 +299,30 @@ class TiledScan:
         self.tiling, self.folder, self.way = tiling, folder, way
         self.sensor, _ = choose(sensor)
         name = self.sensor.name
-        if self.sensor.motion:
-            raise SpecError(
-                f"{name}.motion", "cannot be used with tiles; take motion or tiles away"
-            )
-        if self.sensor.bounces:
-            why = "cannot be used with tiles, since light that bounces may go anywhere"
-            raise SpecError(f"{name}.bounces", f"{why}; leave out bounces, or tiles")
-        if self.sensor.receiver.beyond == "folded":
-            why = "cannot be folded with tiles, since an echo may be of a pulse in another one"
-            raise SpecError(f"{name}.receiver.beyond", f"{why}; take tiles away")
+        receiver = self.sensor.receiver
+        refused = {
+            "motion": (
+                self.sensor.motion,
+                "cannot be used with tiles, which stand still; take motion or tiles away",
+            ),
+            "bounces": (
+                self.sensor.bounces,
+                "cannot be used with tiles, since light that bounces may go anywhere; leave out bounces, "
+                "or tiles",
+            ),
+            "receiver.beyond": (
+                receiver.beyond == "folded",
+                "cannot be folded with tiles, since an echo may be of a pulse in another one; take tiles "
+                "away",
+            ),
+            "receiver.sample_ns": (
+                receiver.sample_ns > 0,
+                "cannot be used with tiles, which keep no waveforms; leave one of them out",
+            ),
+        }
+        _refuse_any({f"{name}.{key}": said for key, said in refused.items()})
         self.pattern = pattern_of(self.sensor, way)
-        said = [tiling.digest, asdict(self.sensor), tiling.scene.offset]
+        said = [tiling.forest.digest, asdict(self.sensor), tiling.scene.offset]
         total = hashlib.blake2b(json.dumps(said, sort_keys=True, default=str).encode())
         probe = self.pattern.pulses(np.linspace(0, self.pattern.count - 1, 64).astype(np.int64))
         for array in (probe.origin, probe.direction):
@@ -478,54 +413,50 @@ class TiledScan:
     def _look(
         self, pulses: Iterable[np.ndarray], world: World
     ) -> Iterator[tuple[int, np.ndarray, Sequence[Any]]]:
-        with self._ready(world) as (scan, _, told):
+        with world.still() as observer:
+            scan, told = self._scan(observer)
             for many in pulses:
                 for first in range(0, len(many), scan.at_once):
                     some = many[first : first + scan.at_once]
                     cloud = scan.look_around_faults(some)
                     yield len(some), told(cloud), cloud.lost
 
-    @contextmanager
-    def _ready(self, world: World) -> Iterator[tuple[Scan, Any, Callable[[Any], np.ndarray]]]:
-        """The scan in a tile's world, its geometry, and what makes the records of a cloud."""
+    def _scan(self, observer: Any) -> tuple[Scan, Callable[[Any], np.ndarray]]:
+        """The scan in the scene of a tile, and what makes the records of its clouds."""
         from ..sensing.lidar.scan import Scan
 
-        tiling = self.tiling
-        with world.still() as observer:
-            observer.prepare(self.sensor, self.way)
-            number = tiling.numbered(observer.geometry)
+        observer.prepare(self.sensor, self.way)
+        seed, offset = self.tiling.scene.seed, Offset.of(self.tiling.scene)
+        number = self.tiling.numbered(observer.geometry)
 
-            def told(cloud: Any) -> np.ndarray:
-                returns = replace(cloud.returns, instance=number[cloud.returns.instance])
-                return records(replace(cloud, returns=returns), Offset.of(tiling.scene))
+        def told(cloud: Any) -> np.ndarray:
+            returns = replace(cloud.returns, instance=number[cloud.returns.instance])
+            return records(replace(cloud, returns=returns), offset)
 
-            eyes = observer.eyes(self.sensor)
-            yield Scan(self.sensor, eyes, tiling.scene.seed, self.way), observer.geometry, told
+        return Scan(self.sensor, observer.eyes(self.sensor), seed, self.way), told
 
     def audit(self, piece: int) -> Audit:
-        """Pulses of a piece that is made, looked at again: their records to the byte, and the cloud that they
-        are of by the exact way, as the audit of any scan.
+        """Pulses of a piece that is made, looked at again: their records byte by byte ("figures"), and the
+        cloud by the exact way, as the audit of any scan.
 
         Raises
         ------
         OSError : the part of the piece cannot be read.
         """
-        from ..sensing.audit import AuditPart, held
+        from ..sensing.audit import figures, held
         from ..sensing.lidar.audit import parts_of_scan
 
-        begin, seed = time.perf_counter(), self.tiling.scene.seed
-        with self._ready(self.world(piece)) as (scan, geometry, told):
+        begin, settings = time.perf_counter(), self.tiling.scene
+        with self.world(piece).still() as observer:
+            scan, told = self._scan(observer)
             sent = next(self.pulses.numbers(piece, AT_ONCE))
-            cloud = scan.look_around_faults(sent)
-            there, again = rows_of(self.path(piece)), told(cloud)
-            there = there[(there["pulse"] >= sent[0]) & (there["pulse"] <= sent[-1])]
-            wrong = np.inf if there.tobytes() != again.tobytes() else 0.0
-            alike = AuditPart(1, lambda _: np.array([wrong]), (("tiles made again", 0.0, ""),))
-            share = self.tiling.scene.accuracy.audit
-            parts = parts_of_scan(scan, cloud, share, geometry, sent)
-            made, rng = time.perf_counter(), stream(seed, "audit", self.sensor.name, piece)
-            found = held([*parts, alike], rng, made - begin)
-            return replace(found, audit_seconds=time.perf_counter() - made)
+            cloud, rows = scan.look_around_faults(sent), rows_of(self.path(piece))
+            both = rows[np.isin(rows["pulse"], sent)], told(cloud)
+            there, again = ({"records": np.frombuffer(one.tobytes(), np.uint8)} for one in both)
+            share, seconds = settings.accuracy.audit, time.perf_counter() - begin
+            parts = parts_of_scan(scan, cloud, share, observer.geometry, sent)
+            rng = stream(settings.seed, "audit", self.sensor.name, piece)
+            return held([*parts, figures(there, again)], rng, seconds)
 
     def join(
         self,
