@@ -24,6 +24,7 @@ from ..formats.ownership import remove
 from ..results.coordinates import Offset
 from ..results.points import COPC, records
 from ..sensing.kinds import choose, kind_of
+from ..sensing.lidar.pattern import pattern_of
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Scene, Sensor, SpecError
 from ..stand.forest import ForestPlan, keys_of
@@ -292,8 +293,6 @@ class TiledScan:
         way: Trajectory | None = None,
         only: np.ndarray | None = None,
     ) -> None:
-        from ..sensing.lidar.pattern import pattern_of
-
         if not is_scanner(sensor):
             raise SpecError(getattr(sensor, "name", "scan_to"), "is no scanner; use look")
         self.tiling, self.folder, self.way = tiling, folder, way
