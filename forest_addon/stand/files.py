@@ -105,8 +105,8 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
                     why = f"half of the trees have a {key} above {typical:.3g} m, and no stand {high:g} m"
                 raise SpecError(
                     str(path),
-                    f"{why}; in {' or '.join(fit)} a median of {typical:.3g} would make sense: say the unit in "
-                    f"the header, as {key}_{fit[0]}",
+                    f"{why}; a median of {typical:.3g} "
+                    f"{' or '.join(fit)} would make sense: say the unit in the header, as {key}_{fit[0]}",
                 )
 
 
