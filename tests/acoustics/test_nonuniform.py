@@ -1,7 +1,5 @@
 """Fast sums over echoes against the direct sum: tolerances, hard cases, and the kernel alone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
