@@ -78,26 +78,25 @@ KERNEL void send_rays(intersect1 intersect, void *tree, int64_t count, const int
  *     function; exact discs in splines (_, rows) over incidence and size, whose steps (5) are those of
  *     acoustics/disc_table.py: of ka and its shift, of incidence and its shift, the last ka; the first ``margin``
  *     of either axis lie before 0. They are turned by ``later`` times ka.
- * piston_rims: i·level·H1(x)e^{-ix} at the near side (side -1) of a disc's rim, i times the conjugate at the far
- *     one (1); x = 2k·across is at least 6. across, level, side (count).
+ *     Of pistons with a side (count) that is not 0 sounds one place of the rim alone, without its delay: i·c·H1(x)e^{-ix}
+ *     at the near side (-1), i·c times its conjugate at the far one (1); c is f/i without 2J1(x), x is at least 6.
  * cylinders: the model of sensing/sonar/wood.py. radius as it is seen, phase of the sinc over k, level (count);
- *     S·e^{2ika}·(1 + ka^1.5)/ka^2 over log(1 + 2ka) up to the size ``largest``, beyond which it bends (1 complex).
+ *     S·e^{2ika}·(1 + ka^1.5)/ka^2 over log(1 + 2ka) up to the size ``largest``, beyond which it bends (1 complex),
+ *     is in tables, one after the other; wave (count) says in which. Those with an end (count) are times i/k.
  */
 KERNEL void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                         const double *incidence, const double *factor, double first, double step, int64_t cells,
                         const double *table, double *values);
 KERNEL void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                         const double *incidence, const double *factor, int64_t cells, const double *hankel,
-                         double *values);
-KERNEL void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
-                        const double *level, const double *side, int64_t cells, const double *hankel,
-                        double *values);
+                         const double *incidence, const double *factor, const int8_t *side, int64_t cells,
+                         const double *hankel, double *values);
 KERNEL void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                         const double *incidence, const double *factor, double later, const double *steps,
                         int64_t margin, int64_t rows, const float *table, double *values);
 KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                      const double *phase, const double *level, double largest, const double *bend, double first,
-                      double step, int64_t cells, const double *table, double *values);
+                      const double *phase, const double *level, const int8_t *wave, const int8_t *end,
+                      double largest, const double *bend, double first, double step, int64_t cells,
+                      const double *tables, double *values);
 
 /* Multiplies values (nodes, count) complex by level (count) times e^{sum over d of basis[d, q] term[d, i]};
  * basis (terms, nodes), term (terms, count).

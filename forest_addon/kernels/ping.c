@@ -70,6 +70,33 @@ static inline double exponential(double x)
     return sum;
 }
 
+/* The natural logarithm of x, 1e-300 to 1e300, to rounding: the series of artanh within half a factor of two. */
+static inline double logarithm(double x)
+{
+    uint64_t bits, whole;
+    memcpy(&bits, &x, sizeof bits);
+    bits += 0x3ff0000000000000 - 0x3fe6a09e667f3bcd; /* less the root of a half: rounds to powers of two */
+    whole = (bits >> 52) | 0x4330000000000000;
+    bits = (bits & 0x000fffffffffffff) + 0x3fe6a09e667f3bcd;
+    double power, rest;
+    memcpy(&power, &whole, sizeof power);
+    memcpy(&rest, &bits, sizeof rest);
+    power -= 4503599627370496.0 + 1023.0;
+    double s = (rest - 1.0) / (rest + 1.0);
+    double y = s * s;
+    double sum = 1.0 / 21.0;
+    sum = sum * y + 1.0 / 19.0;
+    sum = sum * y + 1.0 / 17.0;
+    sum = sum * y + 1.0 / 15.0;
+    sum = sum * y + 1.0 / 13.0;
+    sum = sum * y + 1.0 / 11.0;
+    sum = sum * y + 1.0 / 9.0;
+    sum = sum * y + 1.0 / 7.0;
+    sum = sum * y + 1.0 / 5.0;
+    sum = sum * y + 1.0 / 3.0;
+    return power * 0.6931471805599453 + (2.0 * s + 2.0 * s * y * sum);
+}
+
 void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
                 int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
                 int64_t size, double *grid)
@@ -153,18 +180,21 @@ void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
 {
     for (int64_t begin = 0; begin < count; begin += BLOCK) {
         int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
-        double log_radius[BLOCK], place[BLOCK], level[BLOCK];
-        for (int64_t i = 0; i < some; i++)
-            log_radius[i] = radius[begin + i] > 0.0 ? log(radius[begin + i]) : 0.0;
+        double turn_of[BLOCK], steep_of[BLOCK], place[BLOCK], level[BLOCK]; /* the first two at 1/m */
+        for (int64_t i = 0; i < some; i++) {
+            double log_radius = logarithm(radius[begin + i] > 1e-30 ? radius[begin + i] : 1e-30);
+            turn_of[i] = 0.3999 * exponential(-0.9065 * log_radius);
+            steep_of[i] = 0.9824 * exponential(0.3523 * log_radius);
+        }
         for (int64_t q = 0; q < nodes; q++) {
             double k = wavenumber[q];
-            double log_k = log(k);
+            double turn_at = pow(k, -0.9065);
+            double steep_at = pow(k, 0.3523);
             double *value = values + 2 * (q * count + begin);
             for (int64_t i = 0; i < some; i++) {
                 double size = k * radius[begin + i];
-                double log_size = log_k + log_radius[i];
-                double turn = 0.3999 * exponential(-0.9065 * log_size) + 0.9979;
-                double steepness = 0.9824 * exponential(0.3523 * log_size) - 0.9459;
+                double turn = turn_of[i] * turn_at + 0.9979;
+                double steepness = steep_of[i] * steep_at - 0.9459;
                 double angle = incidence[begin + i];
                 double cosine, sine;
                 place[i] = (steepness * (QUARTER - angle) - first) / step;
@@ -208,59 +238,35 @@ static inline double jinc(int64_t cells, const double *table, double x)
 }
 
 void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                  const double *incidence, const double *factor, int64_t cells, const double *table,
-                  double *values)
+                  const double *incidence, const double *factor, const int8_t *side, int64_t cells,
+                  const double *table, double *values)
 {
-    for (int64_t i = 0; i < count; i++) {
-        double across = 2.0 * radius[i] * sin(incidence[i]);
-        double face = 0.5 * radius[i] * radius[i] * cos(incidence[i]) * factor[i];
+    for (int64_t begin = 0; begin < count; begin += BLOCK) {
+        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+        double across[BLOCK], face[BLOCK];
+        for (int64_t i = 0; i < some; i++) {
+            double sine, cosine;
+            turned_back(-incidence[begin + i] / TURN, &cosine, &sine);
+            across[i] = 2.0 * radius[begin + i] * sine;
+            face[i] = 0.5 * radius[begin + i] * radius[begin + i] * cosine * factor[begin + i];
+        }
         for (int64_t q = 0; q < nodes; q++) {
-            double *value = values + 2 * (q * count + i);
-            value[0] = 0.0;
-            value[1] = face * wavenumber[q] * jinc(cells, table, wavenumber[q] * across);
+            double *value = values + 2 * (q * count + begin);
+            for (int64_t i = 0; i < some; i++) {
+                double x = wavenumber[q] * across[i];
+                double level = face[i] * wavenumber[q];
+                double real = 0.0, imaginary = 0.0;
+                if (side[begin + i] == 0) {
+                    value[2 * i] = 0.0;
+                    value[2 * i + 1] = level * jinc(cells, table, x);
+                    continue;
+                }
+                hankel(cells, table, x, &real, &imaginary);
+                value[2 * i] = side[begin + i] * (level / x) * imaginary;
+                value[2 * i + 1] = level / x * real;
+            }
         }
     }
-}
-
-void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
-                 const double *level, const double *side, int64_t cells, const double *table, double *values)
-{
-    for (int64_t q = 0; q < nodes; q++) {
-        for (int64_t i = 0; i < count; i++) {
-            double real, imaginary;
-            hankel(cells, table, 2.0 * wavenumber[q] * across[i], &real, &imaginary);
-            double *value = values + 2 * (q * count + i);
-            value[0] = side[i] * level[i] * imaginary;
-            value[1] = level[i] * real;
-        }
-    }
-}
-
-/* The natural logarithm of x, 1e-300 to 1e300, to rounding: the series of artanh within half a factor of two. */
-static inline double logarithm(double x)
-{
-    uint64_t bits, whole;
-    memcpy(&bits, &x, sizeof bits);
-    bits += 0x3ff0000000000000 - 0x3fe6a09e667f3bcd; /* less the root of a half: rounds to powers of two */
-    whole = (bits >> 52) | 0x4330000000000000;
-    bits = (bits & 0x000fffffffffffff) + 0x3fe6a09e667f3bcd;
-    double power, rest;
-    memcpy(&power, &whole, sizeof power);
-    memcpy(&rest, &bits, sizeof rest);
-    power -= 4503599627370496.0 + 1023.0;
-    double s = (rest - 1.0) / (rest + 1.0);
-    double y = s * s;
-    double sum = 1.0 / 21.0;
-    sum = sum * y + 1.0 / 19.0;
-    sum = sum * y + 1.0 / 17.0;
-    sum = sum * y + 1.0 / 15.0;
-    sum = sum * y + 1.0 / 13.0;
-    sum = sum * y + 1.0 / 11.0;
-    sum = sum * y + 1.0 / 9.0;
-    sum = sum * y + 1.0 / 7.0;
-    sum = sum * y + 1.0 / 5.0;
-    sum = sum * y + 1.0 / 3.0;
-    return power * 0.6931471805599453 + (2.0 * s + 2.0 * s * y * sum);
 }
 
 /* The four cardinal cubic splines at t, from 0 to 1. */
@@ -336,10 +342,11 @@ void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
 }
 
 void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-               const double *phase, const double *level, double largest, const double *bend, double first,
-               double step, int64_t cells, const double *table, double *values)
+               const double *phase, const double *level, const int8_t *wave, const int8_t *end, double largest,
+               const double *bend, double first, double step, int64_t cells, const double *tables, double *values)
 {
     for (int64_t i = 0; i < count; i++) {
+        const double *table = tables + 8 * cells * wave[i];
         for (int64_t begin = 0; begin < nodes; begin += BLOCK) {
             int64_t some = nodes - begin < BLOCK ? nodes - begin : BLOCK;
             const double *k = wavenumber + begin;
@@ -366,8 +373,9 @@ void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const dou
                 real[q] = mixed;
             }
             for (int64_t q = 0; q < some; q++) {
-                values[2 * ((begin + q) * count + i)] = real[q];
-                values[2 * ((begin + q) * count + i) + 1] = imaginary[q];
+                double *value = values + 2 * ((begin + q) * count + i);
+                value[0] = end[i] ? -imaginary[q] / k[q] : real[q];
+                value[1] = end[i] ? real[q] / k[q] : imaginary[q];
             }
         }
     }

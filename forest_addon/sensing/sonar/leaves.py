@@ -15,14 +15,23 @@ from typing import ClassVar
 import numpy as np
 
 from ... import kernels
-from ...acoustics.disc import SMALLEST, amplitude_bound, disc_amplitudes, rim_amplitudes
+from ...acoustics.disc import SMALLEST, amplitude_bound, disc_amplitudes
 from ...acoustics.disc_table import HANDOVER, table_error
 from ...base.rows import distinct, lengths
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import pieces_of
 from ..rays.geometry import SceneGeometry, apply_transform
 from .facets import PIECE, Rims, glints, rims, share_of_turn
-from .scatterers import LEAF, Population, ScattererPart, Scatterers, Sight, Strength, Views, cluster
+from .scatterers import (
+    LEAF,
+    Population,
+    Scatterers,
+    Sight,
+    Strength,
+    StrengthParts,
+    Views,
+    cluster,
+)
 
 SIMILAR = 1e-6  # a rotation with a scale, but for the float32 that Blender keeps it in
 
@@ -195,38 +204,38 @@ FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is
 @dataclass(frozen=True)
 class DiscStrength(Strength):
     """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude. later : radii
-    by which their delay is taken to be later."""
+    by which their delay is taken to be later. side : (M,) int8, of a piston alone; see ``disc_amplitudes``."""
 
     radius: np.ndarray
     incidence: np.ndarray
     nearness: np.ndarray
     model: str
     later: float = 0.0
+    side: np.ndarray | None = None
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        given = self.radius, self.incidence, self.nearness, self.model, self.later
+        given = self.radius, self.incidence, self.nearness, self.model, self.later, self.side
         return disc_amplitudes(wavenumber, *given)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
         return self.nearness * far
 
-    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float) -> StrengthParts:
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
         itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
             later = replace(self, later=LATER)
-            return [ScattererPart(np.arange(len(self.radius)), LATER * self.radius, later)]
-        across = self.radius * np.sin(self.incidence)
-        apart = max(SMALLEST / (2.0 * lowest), np.pi / (2.0 * (highest - lowest)))
-        rims = (across > apart) & (self.model == "piston")
+            return replace(super().parts(lowest, highest), offset=LATER * self.radius, strength=later)
+        if self.model == "paper":
+            return super().parts(lowest, highest)
+        across = 2.0 * self.radius * np.sin(self.incidence)
+        rims = across > max(SMALLEST / lowest, np.pi / (highest - lowest))
         near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
-        parts = [ScattererPart(near, np.zeros(len(near)), self.select(near))] if len(near) else []
-        if len(far):
-            rows, side = np.tile(far, 2), np.repeat([-1.0, 1.0], len(far))
-            strength = DiscRim(across[rows], self.radius[rows], self.incidence[rows], side)
-            parts.append(ScattererPart(rows, side * 2.0 * across[rows], strength))
-        return parts
+        rows = np.concatenate([near, far, far])
+        side = np.repeat(np.array([0, -1, 1], np.int8), [len(near), len(far), len(far)])
+        strength = replace(self.select(rows), side=side)
+        return StrengthParts(rows, side * across[rows], np.ones(len(rows)), strength)
 
     def reach(self, wavenumber: float) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim
@@ -235,37 +244,14 @@ class DiscStrength(Strength):
             )
             return PAPER_REACH * self.radius + turn / wavenumber
         rims = 2.0 * self.radius * np.sin(self.incidence)
+        if self.side is not None:
+            return np.where(self.side == 0, rims, 0.0)
         return rims + LATER * self.radius if self.model == "exact" else rims
 
     def error(self, highest: float) -> np.ndarray | None:
         if self.model != "exact":
             return None
         return self.radius * table_error(highest * self.radius, self.incidence)
-
-
-@dataclass(frozen=True)
-class DiscRim(Strength):
-    """One place of a piston's rim, without its delay: half of J₁ = Re H₁, H₁ the Hankel function.
-
-    across : (M,) a·sinβ. side : (M,) -1 the place nearer to the sonar, 1 the farther.
-
-    f = (i·a²·cosβ/4a·sinβ)·H₁(x)e^{-ix} or its conjugate, x = 2ka·sinβ: k·f = i(ka)²/2·cosβ·2J₁(x)/x.
-    """
-
-    across: np.ndarray
-    radius: np.ndarray
-    incidence: np.ndarray
-    side: np.ndarray
-
-    def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        level = 0.25 * self.radius**2 * np.cos(self.incidence) / self.across
-        return rim_amplitudes(wavenumber, self.across, level, self.side)
-
-    def bound(self, lowest: float, highest: float) -> np.ndarray:
-        return np.abs(self.amplitude(np.array([lowest])))[0]
-
-    def reach(self, wavenumber: float) -> np.ndarray:
-        return np.zeros(len(self.across))
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from ... import kernels
 from ...base.rows import RowTable
 from .calls import SAMPLED, Band
 from .leaves import NearFaces
-from .scatterers import ScattererPart, Scatterers, Sight
+from .scatterers import Scatterers, Sight, StrengthParts
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
@@ -231,7 +231,8 @@ class EarAmplitudes:
         self._level = group.shade / (paths.distance * leg)
         self._known: dict[bytes, np.ndarray] = {}  # bases, by their frequencies
         strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
-        self.whole = ScattererPart(np.arange(len(group)), np.zeros(len(group)), strength)
+        count = len(group)
+        self.whole = StrengthParts(np.arange(count), np.zeros(count), np.ones(count), strength)
 
     def _basis(self, frequency: np.ndarray) -> np.ndarray:
         key = frequency.tobytes()
@@ -244,21 +245,11 @@ class EarAmplitudes:
         """(Q, M) of all."""
         return np.exp(np.einsum("dq,dm->qm", self._basis(frequency), self._terms)) * self._level
 
-    def of(self, parts: list[ScattererPart], frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """(Q, m) complex A of some rows of parts, one part after the other, at frequencies (Q,)."""
+    def of(self, parts: StrengthParts, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """(Q, m) complex A of some rows of parts at frequencies (Q,)."""
         wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
-        if len(parts) == 1:
-            amplitude = parts[0].strength.select(rows).amplitude(wavenumber)
-            some = parts[0].rows[rows]
-        else:
-            amplitude = np.empty((len(frequency), len(rows)), np.complex128)
-            some, begin = np.empty(len(rows), np.int64), 0
-            for part in parts:
-                here = np.flatnonzero((rows >= begin) & (rows < begin + len(part.rows)))
-                own = rows[here] - begin
-                amplitude[:, here] = part.strength.select(own).amplitude(wavenumber)
-                some[here] = part.rows[own]
-                begin += len(part.rows)
+        amplitude = parts.strength.select(rows).amplitude(wavenumber)
+        some = parts.rows[rows]
         basis = self._basis(frequency)
         level, terms = self._level[some], self._terms.take(some, axis=1)
         library = kernels.library()
@@ -267,13 +258,13 @@ class EarAmplitudes:
         library.weigh_echoes(*amplitude.shape, level, len(terms), basis, terms, amplitude)
         return amplitude
 
-    def reach(self, part: ScattererPart, band: tuple[float, float]) -> np.ndarray:
-        """(m,) s, about how far responses of a part reach, with what their gains change over a band."""
+    def reach(self, parts: StrengthParts, band: tuple[float, float]) -> np.ndarray:
+        """(m,) s, about how far responses of parts reach, with what their gains change over a band."""
         basis = np.diff(self._basis(np.array(band)), axis=1)[:, 0]
         change = np.einsum("d,dm->m", basis, self._terms)
         width, speed = max(band[1] - band[0], 1e-9), self._station.sound_speed
-        own = part.strength.reach(2.0 * np.pi * band[0] / speed) / speed
-        return np.asarray(own + np.abs(change[part.rows]) / (2.0 * np.pi * width))
+        own = parts.strength.reach(2.0 * np.pi * band[0] / speed) / speed
+        return np.asarray(own + np.abs(change[parts.rows]) / (2.0 * np.pi * width))
 
 
 def mean_amplitude(
@@ -282,7 +273,7 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     heard = EarAmplitudes(group, station, 0)
-    return np.asarray(weight @ np.abs(heard.of([heard.whole], frequency, np.arange(len(group)))))
+    return np.asarray(weight @ np.abs(heard.of(heard.whole, frequency, np.arange(len(group)))))
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
