@@ -24,6 +24,7 @@ ROOM = Path(__file__).resolve().parent
 WHEEL = "forest_sensing_kernels"  # of Blender's extension, whose own files hold nothing compiled
 FILE = "_kernels" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
+
 class _Arrays:
     """Arguments that are arrays of one type and contiguous; numpy's own check takes five times as long."""
 

@@ -204,7 +204,7 @@ FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is
 @dataclass(frozen=True)
 class DiscStrength(Strength):
     """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude. later : radii
-    by which their delay is taken to be later. side : (M,) int8, of a piston alone; see ``disc_amplitudes``."""
+    by which their delay is taken to be later. side : (M,) int8 or None, as of ``disc_amplitudes``."""
 
     radius: np.ndarray
     incidence: np.ndarray
@@ -226,7 +226,9 @@ class DiscStrength(Strength):
         itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
             later = replace(self, later=LATER)
-            return replace(super().parts(lowest, highest), offset=LATER * self.radius, strength=later)
+            return replace(
+                super().parts(lowest, highest), offset=LATER * self.radius, strength=later
+            )
         if self.model == "paper":
             return super().parts(lowest, highest)
         across = 2.0 * self.radius * np.sin(self.incidence)
