@@ -167,7 +167,10 @@ def amplitude_bound(
 
 def _acute(incidence: ArrayLike) -> np.ndarray:
     """Angles folded to 0 … π/2: either face, either side of the normal."""
-    turned = np.mod(np.asarray(incidence, dtype=np.float64), math.pi)
+    turned = np.asarray(incidence, dtype=np.float64)
+    if turned.size and turned.min() >= 0.0 and turned.max() <= math.pi / 2:
+        return turned  # as most are, in a tenth of the time
+    turned = np.mod(turned, math.pi)
     return np.asarray(np.minimum(turned, math.pi - turned))
 
 

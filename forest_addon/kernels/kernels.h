@@ -11,6 +11,9 @@
 
 #ifdef _WIN32
 #define KERNEL __declspec(dllexport)
+#elif defined(__linux__) && defined(__x86_64__) && defined(__GNUC__) && !defined(ONE_TARGET)
+/* Twice in the library, and chosen as it is loaded: the same operations, four at once where the CPU can. */
+#define KERNEL __attribute__((visibility("default"), target_clones("default", "arch=x86-64-v3")))
 #else
 #define KERNEL __attribute__((visibility("default")))
 #endif
@@ -133,10 +136,11 @@ KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const
  * taps_of    (powers, width) polynomials of the taps in twice the offset from the middle between two points,
  *            highest power first; ``width`` is at most 24
  * grid       (sums, size + width, columns) complex, added to; ``columns`` is ``nodes`` up to a multiple of 4
+ * largest    (count) size of the largest of the heights of each
  */
 KERNEL void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
                        int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
-                       int64_t size, double *grid);
+                       int64_t size, double *grid, double *largest);
 
 /* Rays of beams (B,), beam by beam, at places (S, 2) x, y across each: from start + x * exit_x + y * exit_y along
  * axis + x * turn_x + y * turn_y, all (B, 3). Writes origin and unit direction (B * S, 3). */

@@ -225,9 +225,10 @@ class EarAmplitudes:
         self._station, paths = station, group.paths
         self._beams = station.equipment.emit, station.equipment.hear(ear)
         leg = paths.leg[:, ear]
+        self.length = paths.distance + leg
         sent, heard = paths.emitted.T, paths.heard[:, ear].T
         terms = [self._beams[0].terms(*sent), self._beams[1].terms(*heard)]
-        self._terms = np.concatenate([*terms, -(paths.distance + leg)[None]])
+        self._terms = np.concatenate([*terms, -self.length[None]])
         self._level = group.shade / (paths.distance * leg)
         self._known: dict[bytes, np.ndarray] = {}  # bases, by their frequencies
         strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
@@ -249,9 +250,9 @@ class EarAmplitudes:
         """(Q, m) complex A of some rows of parts at frequencies (Q,)."""
         wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
         amplitude = parts.strength.select(rows).amplitude(wavenumber)
-        some = parts.rows[rows]
+        some = parts.rows.take(rows)
         basis = self._basis(frequency)
-        level, terms = self._level[some], self._terms.take(some, axis=1)
+        level, terms = self._level.take(some), self._terms.take(some, axis=1)
         library = kernels.library()
         if library is None:
             return np.asarray(amplitude * level * np.exp(np.einsum("dq,dm->qm", basis, terms)))
@@ -289,8 +290,7 @@ def _finite(made: Scatterers) -> np.ndarray:
     """(M,) whether every number of each is finite."""
     finite = np.ones(len(made), dtype=bool)
     for value in vars(made).values():
-        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            known = np.isfinite(value)
-            if not known.all():  # a row's test is dear, and hardly ever needed
-                finite &= known.all(axis=tuple(range(1, value.ndim)))
+        number = isinstance(value, np.ndarray) and value.dtype.kind == "f"
+        if number and not np.isfinite(value.sum()):  # a row's test is dear, and hardly ever needed
+            finite &= np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
     return finite

@@ -253,15 +253,20 @@ class EchoPaths(RowTable):
         """(M, E) metres from mouth to ear."""
         return self.distance[:, None] + self.leg
 
+    @property
+    def latest(self) -> float:
+        """Metres of the longest way, of one or more."""
+        return max(float((self.distance + leg).max()) for leg in self.leg.T)
+
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
         azimuth, elevation = self.emitted.T
         sent = equipment.emit.loudest(azimuth, elevation, band)
         most = np.zeros(len(sent))
-        for ear, length in enumerate(self.length.T):
+        for ear, leg in enumerate(self.leg.T):
             azimuth, elevation = self.heard[:, ear].T
             heard = equipment.hear(ear).loudest(azimuth, elevation, band)
-            weaker = np.exp(-station.least_loss * length) / (self.distance * self.leg[:, ear])
+            weaker = np.exp(-station.least_loss * (self.distance + leg)) / (self.distance * leg)
             most = np.maximum(most, sent * heard * weaker)
         return most

@@ -100,7 +100,7 @@ def _over(
     error, table, size = np.zeros((3, len(station.ear)))
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
-            heard, length = EarAmplitudes(group, station, ear), group.paths.length[:, ear]
+            heard = EarAmplitudes(group, station, ear)
             doubtful = heard.whole.strength.error(highest)
             if doubtful is not None:
                 table[ear] += float((heard.gain(np.array(band[:1]))[0] * doubtful).sum())
@@ -110,7 +110,7 @@ def _over(
             rows = parts.rows
             found = sum_delayed(
                 partial(heard.of, parts),
-                (length[rows] + parts.offset) / station.sound_speed,
+                (heard.length[rows] + parts.offset) / station.sound_speed,
                 grid.start,
                 grid.spacing,
                 grid.count,
