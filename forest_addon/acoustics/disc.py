@@ -72,11 +72,11 @@ def disc_amplitudes(
     incidence: np.ndarray,
     factor: np.ndarray,
     model: str,
-    later: float = 0.0,
+    later: np.ndarray | float = 0.0,
     side: np.ndarray | None = None,
 ) -> np.ndarray:
     """(Q, M) complex f in metres at wavenumbers (Q,) of discs (M,), times a factor (M,); incidence from 0 to
-    π/2. later : radii by which the echo's delay is taken to be later.
+    π/2. later : (M,) or one, radii by which the echo's delay is taken to be later.
 
     side : (M,) int8, of a piston's rim the one place that sounds, without its delay: half of J₁ = Re H₁, H₁
     the Hankel function; -1 the place nearer to the sonar, 1 the farther, both 2ka·sinβ > ``SMALLEST``; 0:
@@ -103,11 +103,12 @@ def disc_amplitudes(
         side = np.zeros(len(radius), np.int8) if side is None else side
         library.piston_discs(*given, side, *_hankel().given[2:], found)
     else:
+        later = np.full(len(radius), later) if np.ndim(later) == 0 else later
         tabulated_by_kernel(library, *given, later, found)
         large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
         if len(large):
             size, some = wavenumber[:, None] * radius[large], incidence[large]
-            turn = np.exp(1j * later * size) * (factor[large] / wavenumber[:, None])
+            turn = np.exp(1j * later[large] * size) * (factor[large] / wavenumber[:, None])
             found[:, large] = _exact(size, some) * turn
     return found
 
@@ -143,11 +144,11 @@ def amplitude_bound(
 ) -> np.ndarray:
     """A bound on |f| in metres that holds for every wavenumber from ``lowest`` to ``highest`` (1/m).
 
-    radius, incidence : metres and radians, broadcasting.
+    radius, incidence : metres and radians from 0 to π/2, broadcasting.
 
     At normal incidence it also holds for every smaller radius and every other incidence.
     """
-    size, angle = np.broadcast_arrays(np.asarray(radius, dtype=np.float64), _acute(incidence))
+    size, angle = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (radius, incidence)))
     if model == "paper":
         return _paper_bound(lowest, highest, size, angle)
     if model not in MODELS:
@@ -167,10 +168,7 @@ def amplitude_bound(
 
 def _acute(incidence: ArrayLike) -> np.ndarray:
     """Angles folded to 0 … π/2: either face, either side of the normal."""
-    turned = np.asarray(incidence, dtype=np.float64)
-    if turned.size and turned.min() >= 0.0 and turned.max() <= math.pi / 2:
-        return turned  # as most are, in a tenth of the time
-    turned = np.mod(turned, math.pi)
+    turned = np.mod(np.asarray(incidence, dtype=np.float64), math.pi)
     return np.asarray(np.minimum(turned, math.pi - turned))
 
 

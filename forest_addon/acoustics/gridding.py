@@ -69,9 +69,8 @@ class DelayGrid:
         grid[:, : len(whole) - self._size] += whole[self._size :].T
         transformed = fft.fft(grid, axis=1, overwrite_x=True)
         below = self._count // 2
-        parts = transformed[:, self._size - below :], transformed[:, : self._count - below]
-        halves = zip(parts, (shares[:, :below], shares[:, below:]), strict=True)
-        found = np.concatenate([np.einsum("rk,rk->k", *half) for half in halves])
+        halves = transformed[:, self._size - below :], transformed[:, : self._count - below]
+        found = np.einsum("rk,rk->k", np.concatenate(halves, axis=1), shares)
         return np.asarray(found / self._kernel.over_bins(self._count, self._size))
 
 

@@ -57,7 +57,7 @@ DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 15  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
-TRANSFORM = 0.6  # of the time of an amplitude, that of a bin of a transform
+TRANSFORM = 1.2  # of the time of an amplitude, that of a bin of a transform
 
 
 @dataclass(frozen=True)
@@ -341,10 +341,7 @@ class _Task:
             values = np.asarray(self._amplitude(frequency, some))
             carrier = delay_factors(self._start, self._spacing, self.count, self.delay[some])
             carrier *= values
-            if self._weights.shape[1] == 1:  # a matrix product has no columns to work on here
-                self._spectrum[0] += np.einsum("km,m->k", carrier, self._weights[some, 0])
-            else:
-                self._spectrum += (carrier @ self._weights[some]).T
+            self._spectrum += (carrier @ self._weights[some]).T
             self._measure(np.abs(values).max(axis=0))
             self._nodes[self.count] = self._nodes.get(self.count, 0) + len(some)
 

@@ -80,11 +80,14 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
         None,
     ),
     "send_rays": ([ctypes.c_void_p, ctypes.c_void_p, _count, _int64s, _floats, _count], None),
-    "weigh_echoes": ([_count, _count, _doubles, _count, _doubles, _doubles, _complexes], None),
+    "weigh_echoes": (
+        [_count, _count, _int64s, _count, _doubles, _count, _doubles, _doubles, _complexes],
+        None,
+    ),
     "paper_discs": ([*_SCATTERERS, _doubles, *_CUBICS], None),
     "piston_discs": ([*_SCATTERERS, _doubles, _int8s, *_CUBICS[2:]], None),
     "exact_discs": (
-        [*_SCATTERERS, _doubles, _double, _doubles, _count, _count, _singles, _complexes],
+        [*_SCATTERERS, _doubles, _doubles, _doubles, _count, _count, _singles, _complexes],
         None,
     ),
     "cylinders": ([*_SCATTERERS, _doubles, _int8s, _int8s, _double, _complexes, *_CUBICS], None),

@@ -80,7 +80,7 @@ KERNEL void send_rays(intersect1 intersect, void *tree, int64_t count, const int
  *     0 to a quarter of a turn, factor (count). The paper's phasor is looked up by the argument of its error
  *     function; exact discs in splines (_, rows) over incidence and size, whose steps (5) are those of
  *     acoustics/disc_table.py: of ka and its shift, of incidence and its shift, the last ka; the first ``margin``
- *     of either axis lie before 0. They are turned by ``later`` times ka.
+ *     of either axis lie before 0. They are turned by ``later`` (count) times ka.
  *     Of pistons with a side (count) that is not 0 sounds one place of the rim alone, without its delay: i·c·H1(x)e^{-ix}
  *     at the near side (-1), i·c times its conjugate at the far one (1); c is f/i without 2J1(x), x is at least 6.
  * cylinders: the model of sensing/sonar/wood.py. radius as it is seen, phase of the sinc over k, level (count);
@@ -94,18 +94,18 @@ KERNEL void piston_discs(int64_t nodes, const double *wavenumber, int64_t count,
                          const double *incidence, const double *factor, const int8_t *side, int64_t cells,
                          const double *hankel, double *values);
 KERNEL void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                        const double *incidence, const double *factor, double later, const double *steps,
+                        const double *incidence, const double *factor, const double *later, const double *steps,
                         int64_t margin, int64_t rows, const float *table, double *values);
 KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                       const double *phase, const double *level, const int8_t *wave, const int8_t *end,
                       double largest, const double *bend, double first, double step, int64_t cells,
                       const double *tables, double *values);
 
-/* Multiplies values (nodes, count) complex by level (count) times e^{sum over d of basis[d, q] term[d, i]};
- * basis (terms, nodes), term (terms, count).
+/* Multiplies values (nodes, count) complex of rows (count) by their level (all) times e^{sum over d of
+ * basis[d, q] term[d, row]}; basis (terms, nodes), term (terms, all).
  */
-KERNEL void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t terms, const double *basis,
-                         const double *term, double *values);
+KERNEL void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all, const double *level,
+                         int64_t terms, const double *basis, const double *term, double *values);
 
 /* Moves some rows of discs into the world: centre, normal (_, 3) of all, rows (count), by a transform (3, 4) that
  * turns, mirrors and scales evenly; moved, turned (count, 3).

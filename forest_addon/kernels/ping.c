@@ -154,21 +154,21 @@ static inline void cubic(int64_t cells, const double *table, double place, doubl
     *imaginary = ((c[7] * x + c[5]) * x + c[3]) * x + c[1];
 }
 
-void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t terms, const double *basis,
-                  const double *term, double *values)
+void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all, const double *level, int64_t terms,
+                  const double *basis, const double *term, double *values)
 {
-    for (int64_t q = 0; q < nodes; q++) {
-        for (int64_t begin = 0; begin < count; begin += BLOCK) {
-            int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+    for (int64_t begin = 0; begin < count; begin += BLOCK) {
+        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+        for (int64_t q = 0; q < nodes; q++) {
             double *value = values + 2 * (q * count + begin);
             double exponent[BLOCK] = {0.0};
             for (int64_t d = 0; d < terms; d++)
                 for (int64_t i = 0; i < some; i++)
-                    exponent[i] += basis[d * nodes + q] * term[d * count + begin + i];
+                    exponent[i] += basis[d * nodes + q] * term[d * all + rows[begin + i]];
             for (int64_t i = 0; i < some; i++)
                 exponent[i] = exponent[i] > -700.0 ? exponent[i] : -700.0;
             for (int64_t i = 0; i < some; i++)
-                exponent[i] = level[begin + i] * exponential(exponent[i]);
+                exponent[i] = level[rows[begin + i]] * exponential(exponent[i]);
             for (int64_t i = 0; i < some; i++) {
                 value[2 * i] *= exponent[i];
                 value[2 * i + 1] *= exponent[i];
@@ -291,7 +291,7 @@ static inline void mixed(const float *column, int64_t rows, const float *weight,
 }
 
 void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                 const double *incidence, const double *factor, double later, const double *steps,
+                 const double *incidence, const double *factor, const double *later, const double *steps,
                  int64_t margin, int64_t rows, const float *table, double *values)
 {
     for (int64_t i = 0; i < count; i++) {
@@ -331,7 +331,7 @@ void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
                 double square = size[q] * size[q];
                 double level = square * size[q] / sqrt(4.0 + square) * factor[i] / wavenumber[begin + q];
                 double cosine, sine;
-                turned_back(-later * size[q] / TURN, &cosine, &sine);
+                turned_back(-later[i] * size[q] / TURN, &cosine, &sine);
                 double turned = level * (real[q] * cosine - imaginary[q] * sine);
                 imaginary[q] = level * (real[q] * sine + imaginary[q] * cosine);
                 real[q] = turned;

@@ -24,6 +24,7 @@ from ..rays.geometry import SceneGeometry, apply_transform
 from .facets import PIECE, Rims, glints, rims, share_of_turn
 from .scatterers import (
     LEAF,
+    SIDES,
     Population,
     Scatterers,
     Sight,
@@ -31,6 +32,7 @@ from .scatterers import (
     StrengthParts,
     Views,
     cluster,
+    paired,
 )
 
 SIMILAR = 1e-6  # a rotation with a scale, but for the float32 that Blender keeps it in
@@ -192,7 +194,7 @@ def _sum(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
 # is what wiggles in frequency: each alone is smooth.
 
 
-LATER = 1.0  # radii by which a disc's response that crosses its face is later than that of its rims
+LATER = 1.3  # radii by which what crosses a disc's face, once and again, is later than its middle, about
 PAPER_REACH = 0.3  # radii to both sides
 PAPER_TURN = 0.36  # radians at ka = 1 by which the fit's angle turns while the frequency doubles
 GRAZING = (
@@ -203,14 +205,14 @@ FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is
 
 @dataclass(frozen=True)
 class DiscStrength(Strength):
-    """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude. later : radii
-    by which their delay is taken to be later. side : (M,) int8 or None, as of ``disc_amplitudes``."""
+    """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude. later : (M,) or
+    one, radii by which their delays are taken to be later. side : as of ``disc_amplitudes``."""
 
     radius: np.ndarray
     incidence: np.ndarray
     nearness: np.ndarray
     model: str
-    later: float = 0.0
+    later: np.ndarray | float = 0.0
     side: np.ndarray | None = None
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
@@ -225,19 +227,16 @@ class DiscStrength(Strength):
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
         itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
-            later = replace(self, later=LATER)
+            later = LATER - 0.5 * np.sin(self.incidence)  # towards the near rim, which is earlier
             return replace(
-                super().parts(lowest, highest), offset=LATER * self.radius, strength=later
+                self.whole(), offset=later * self.radius, strength=replace(self, later=later)
             )
         if self.model == "paper":
-            return super().parts(lowest, highest)
+            return self.whole()
         across = 2.0 * self.radius * np.sin(self.incidence)
-        rims = across > max(SMALLEST / lowest, np.pi / (highest - lowest))
-        near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
-        rows = np.concatenate([near, far, far])
-        side = np.repeat(np.array([0, -1, 1], np.int8), [len(near), len(far), len(far)])
-        strength = replace(self.select(rows), side=side)
-        return StrengthParts(rows, side * across[rows], np.ones(len(rows)), strength)
+        rows, which = paired(across > max(SMALLEST / lowest, np.pi / (highest - lowest)))
+        strength = replace(self.select(rows), side=SIDES[which])
+        return StrengthParts(rows, SIDES[which] * across[rows], np.ones(len(rows)), strength)
 
     def reach(self, wavenumber: float) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim
@@ -245,10 +244,10 @@ class DiscStrength(Strength):
                 PAPER_TURN * self.incidence * np.maximum(wavenumber * self.radius, 1e-3) ** -0.9065
             )
             return PAPER_REACH * self.radius + turn / wavenumber
+        if self.model == "exact":
+            return (LATER + np.sin(self.incidence)) * self.radius
         rims = 2.0 * self.radius * np.sin(self.incidence)
-        if self.side is not None:
-            return np.where(self.side == 0, rims, 0.0)
-        return rims + LATER * self.radius if self.model == "exact" else rims
+        return rims if self.side is None else np.where(self.side == 0, rims, 0.0)
 
     def error(self, highest: float) -> np.ndarray | None:
         if self.model != "exact":

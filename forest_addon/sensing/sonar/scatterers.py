@@ -51,8 +51,22 @@ class Strength(RowTable, ABC):
 
         Of a scatterer in several parts, some frequency between finds all of them in phase.
         """
+        return self.whole()
+
+    def whole(self) -> StrengthParts:
+        """Each as one part."""
         count = len(self.reach(1.0))
         return StrengthParts(np.arange(count), np.zeros(count), np.ones(count), self)
+
+
+SIDES = np.array([0, -1, 1], np.int8)  # of what is alone, of the first and the second of a pair
+
+
+def paired(twice: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (m,) of things (M,), of those that come ``twice`` two, and which of ``SIDES`` each is."""
+    alone, pairs = np.flatnonzero(~twice), np.flatnonzero(twice)
+    which = np.repeat(np.arange(3, dtype=np.int8), [len(alone), len(pairs), len(pairs)])
+    return np.concatenate([alone, pairs, pairs]), which
 
 
 @dataclass(frozen=True)

@@ -95,15 +95,12 @@ def search(
     order = np.argsort(-bound, kind="stable")
     order = order[: np.count_nonzero(bound)]
     rest = np.append(np.cumsum(bound[order][::-1])[::-1], 0.0)
-    unbounded = int(
-        np.count_nonzero(np.isinf(bound))
-    )  # blocks with something not finite come first
+    unbounded = int(np.count_nonzero(np.isinf(bound)))  # with something not finite: they come first
     finder = _Finder(targets, station, band, shade, latest, Counts(far=far))
 
     opened, known, loudest = 0, GUESS * float(rest[unbounded]), LOUDEST
     while True:
-        until = int(np.searchsorted(-rest, -0.5 * sonar.cull * known))
-        until = max(until, opened, unbounded)
+        until = max(int(np.searchsorted(-rest, -0.5 * sonar.cull * known)), opened, unbounded)
         finder.open(blocks.select(order[opened:until]))
         opened = until
         known = finder.least(loudest)
@@ -226,21 +223,16 @@ class EarAmplitudes:
         self._beams = station.equipment.emit, station.equipment.hear(ear)
         leg = paths.leg[:, ear]
         self.length = paths.distance + leg
-        sent, heard = paths.emitted.T, paths.heard[:, ear].T
+        sent, heard = paths.offset[:, 0].T, paths.offset[:, 1 + ear].T
         terms = [self._beams[0].terms(*sent), self._beams[1].terms(*heard)]
         self._terms = np.concatenate([*terms, -self.length[None]])
         self._level = group.shade / (paths.distance * leg)
-        self._known: dict[bytes, np.ndarray] = {}  # bases, by their frequencies
         strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
-        count = len(group)
-        self.whole = StrengthParts(np.arange(count), np.zeros(count), np.ones(count), strength)
+        self.whole = strength.whole()
 
     def _basis(self, frequency: np.ndarray) -> np.ndarray:
-        key = frequency.tobytes()
-        if key not in self._known:
-            beams = [beam.basis(frequency) for beam in self._beams]
-            self._known[key] = np.concatenate([*beams, self._station.loss(frequency)[None]])
-        return self._known[key]
+        beams = [beam.basis(frequency) for beam in self._beams]
+        return np.concatenate([*beams, self._station.loss(frequency)[None]])
 
     def gain(self, frequency: np.ndarray) -> np.ndarray:
         """(Q, M) of all."""
@@ -252,11 +244,12 @@ class EarAmplitudes:
         amplitude = parts.strength.select(rows).amplitude(wavenumber)
         some = parts.rows.take(rows)
         basis = self._basis(frequency)
-        level, terms = self._level.take(some), self._terms.take(some, axis=1)
         library = kernels.library()
         if library is None:
-            return np.asarray(amplitude * level * np.exp(np.einsum("dq,dm->qm", basis, terms)))
-        library.weigh_echoes(*amplitude.shape, level, len(terms), basis, terms, amplitude)
+            gain = np.exp(np.einsum("dq,dm->qm", basis, self._terms.take(some, axis=1)))
+            return np.asarray(amplitude * gain * self._level.take(some))
+        given = len(self._level), self._level, *basis.shape[:1], basis, self._terms, amplitude
+        library.weigh_echoes(*amplitude.shape, some, *given)
         return amplitude
 
     def reach(self, parts: StrengthParts, band: tuple[float, float]) -> np.ndarray:

@@ -32,6 +32,7 @@ from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.centreline import find_centrelines
 from ...growth.own_tree.pieces import part
 from .scatterers import (
+    SIDES,
     WOOD,
     Population,
     Scatterers,
@@ -40,6 +41,7 @@ from .scatterers import (
     StrengthParts,
     Views,
     cluster,
+    paired,
 )
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
@@ -111,20 +113,17 @@ class CylinderStrength(Strength):
         period = 2.0 * math.pi / (highest - lowest)
         thick = size > max(THICK / lowest, period / CREEPING)
         ends = np.abs(late) > period / 2.0
-        once, twice = (np.flatnonzero(thick == some) for some in (False, True))
-        rows = np.concatenate([once, twice, twice])
-        wave = np.repeat(np.arange(CREPT + 1, dtype=np.int8), [len(once), len(twice), len(twice)])
-        once, twice = (np.flatnonzero(ends[rows] == some) for some in (False, True))
-        order = np.concatenate([once, twice, twice])
-        rows, wave = rows[order], wave[order]
-        side = np.repeat([0.0, -1.0, 1.0], [len(once), len(twice), len(twice)])
-        crept, end, some = wave == CREPT, (side != 0.0).astype(np.int8), self.select(rows)
+        rows, wave = paired(thick)
+        order, which = paired(ends[rows])
+        rows, wave, side = rows[order], wave[order], SIDES[which]
+        crept, end, some = wave == CREPT, np.abs(side), self.select(rows)
         with np.errstate(divide="ignore", invalid="ignore"):
             length = np.where(end, side / (2.0 * some.cosine), some.length)
-        cosine = np.where(end, 0.0, some.cosine)
         share = np.where(crept, _crept(lowest * size[rows]), 1.0)
         offset = side * late[rows] + CREEPING * size[rows] * crept
-        strength = replace(some, length=length, cosine=cosine, wave=wave, end=end)
+        strength = replace(
+            some, length=length, cosine=np.where(end, 0.0, some.cosine), wave=wave, end=end
+        )
         return StrengthParts(rows, offset, share, strength)
 
 
@@ -321,9 +320,7 @@ def _table(wave: str) -> Cubics:
 @lru_cache(maxsize=1)
 def _tables() -> tuple[float, float, int, np.ndarray]:
     """Arguments of the kernels: all of ``WAVES``, one after the other."""
-    tables = [_table(wave) for wave in WAVES]
-    first, step, cells, _ = tables[0].given
-    return first, step, cells, np.concatenate([each.table for each in tables])
+    return *_table("whole").given[:3], np.concatenate([_table(wave).table for wave in WAVES])
 
 
 @lru_cache(maxsize=1)

@@ -145,7 +145,7 @@ def test_a_report_warns_of_dense_leaves_and_of_no_others():
     thin, thick = (pinged(*foliage(u), sonar) for u in (2.0, 25.0))
     taken = nearest_leaves(thick.groups)
     assert len(taken) == LEAVES
-    assert np.hypot(*taken.paths.emitted.T).max() < 0.1
+    assert np.hypot(*taken.paths.offset[:, 0].T).max() < 0.1
     assert density_of(taken) > DENSE
     assert SONAR.doubts(sonar, thin) == ()
     (said,) = SONAR.doubts(sonar, thick)
