@@ -11,9 +11,10 @@
 
 #ifdef _WIN32
 #define KERNEL __declspec(dllexport)
-#elif defined(__linux__) && defined(__x86_64__) && defined(__GNUC__) && !defined(ONE_TARGET)
-/* Twice in the library, and chosen as it is loaded: the same operations, four at once where the CPU can. */
-#define KERNEL __attribute__((visibility("default"), target_clones("default", "arch=x86-64-v3")))
+#elif defined(__GLIBC__) && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+/* Twice in the library, and the loader takes what the CPU can run: the same operations in the same order, four at
+ * once in place of two. By gcc alone, since of clang's no symbol has the function's own name. */
+#define KERNEL __attribute__((visibility("default"), target_clones("default", "avx2")))
 #else
 #define KERNEL __attribute__((visibility("default")))
 #endif
