@@ -20,7 +20,7 @@ from pathlib import Path
 
 from forest_addon.base.places import NO_BLENDER, version
 from forest_addon.formats.ownership import Keeper, keeping
-from forest_addon.spec import unknown
+from forest_addon.spec import SpecError, unknown
 
 from .command import (
     PROGRAM,
@@ -28,6 +28,7 @@ from .command import (
     DoubtfulError,
     EndedError,
     UnlikeError,
+    declare,
     fault_of,
     is_told,
     scene_file,
@@ -78,7 +79,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"{words[0]} is a study of the repository: python -m studies {words[0]}", 2)
     try:
         _refuse_unknown(words)
-        chosen = _parser().parse_args(_values_joined(words))
+        chosen, rest = _parser().parse_known_args(_values_joined(words))
+        if rest and rest[0].startswith("--"):
+            raise unknown("option", rest[0].split("=")[0], chosen.known)
+        if rest:
+            raise SpecError(rest[0], f"is a word too many; see {PROGRAM} {chosen.COMMAND} --help")
         command: Command = chosen.command
         if "out" in chosen:
             chosen.out = command.output(chosen)
@@ -86,11 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(problem, 2)
     except ModuleNotFoundError as problem:
         return _fail(f"this needs {problem.name}: pip install {problem.name}", 2)
-    kept = command.kept(chosen)
+    kept = command.left(chosen)
     shown = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 closed, as by >&-
     with interruptible(kept), redirect_stdout(PlainStream(shown)):  # names are shown by many
         try:
-            lock = command.lock(chosen)
+            lock = command.lock_file(chosen)
             with nullcontext() if lock is None else only_one(lock.parent, lock.name):
                 _run(command, chosen)
         except ModuleNotFoundError as problem:
@@ -125,7 +130,7 @@ def _run(command: Command, chosen: argparse.Namespace) -> None:
     out = getattr(chosen, "out", None)
     keeper = Keeper(
         out if command.is_folder else None,
-        command.maker,
+        command.maker or command.name,
         force=getattr(chosen, "force", False),
         say=lambda text: print(plain(text), file=sys.stderr),
     )
@@ -150,10 +155,13 @@ def _run(command: Command, chosen: argparse.Namespace) -> None:
 
 
 def _refuse_unknown(words: Sequence[str]) -> None:
-    """Refuse a word that is no command, with the nearest; what begins with a dash is the parser's."""
-    names = [command.name for command in COMMANDS]
-    if words and not words[0].startswith("-") and words[0] not in names:
-        raise unknown("command", words[0], names)
+    """Refuse a first word that is neither a command nor an option, with the nearest."""
+    first = words[0].split("=")[0] if words else "-"
+    names, options = [command.name for command in COMMANDS], ("--help", "--version", "--completion")
+    if first.startswith("--") and not any(option.startswith(first) for option in options):
+        raise unknown("option", first, options)
+    if not first.startswith("-") and first not in names:
+        raise unknown("command", first, names)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -182,14 +190,15 @@ def _parser() -> argparse.ArgumentParser:
             else argparse.HelpFormatter,
         )
         of_this.register("type", Path, _path)
-        command.arguments(of_this)
+        declare(of_this, command.options)
         if command.outputs:
             of_this.add_argument(
                 "--force",
                 action="store_true",
                 help="replace files there that Forest Sensing did not write, and say which",
             )
-        of_this.set_defaults(command=command)
+        options = [name for name in of_this._option_string_actions if name.startswith("--")]
+        of_this.set_defaults(command=command, known=options, **command.fixed)
         for action in of_this._actions:
             if action.type in (Path, scene_file, sound_file):
                 action.complete = FILES

@@ -1,28 +1,28 @@
-"""Commands of ``python -m headless``: a name, its words, its folder, its run.
+"""Commands of ``python -m headless``: what each is, how it ends, and what several of them read.
 
-A command's file imports nothing heavy at its top, so that ``--help`` and a mistyped word are answered at
-once; what works imports it where it is used.
+Nothing heavy is imported here, so that ``--help`` and a mistyped word are answered at once.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import math
 import os
 import shlex
 import traceback
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from forest_addon.base.places import ASSETS
+from forest_addon.base.places import ASSETS, shipped
 from forest_addon.spec import Scene, SpecError
 from forest_addon.spec.base import nearest
 
-SCENE_HELP = "a scene file (TOML), or the name of one of assets/scenes"
 OURS = {"forest_addon", "headless", "studies"}  # folders of code
 LONGEST = 300  # characters of words that are not ours
+ONE_OF = "one of"
 LOCK = ".lock"  # in a folder that one command at a time writes to
 
 
@@ -82,45 +82,62 @@ def fault_of(problem: BaseException) -> str:
     )
 
 
+@dataclass(frozen=True)
 class Command:
-    """One command; a file of ``commands/`` holds one, ``commands/__init__`` lists them."""
+    """A command: its words and options, where its results go, and by ``run`` of which module it is done.
 
-    name: ClassVar[str]
-    help: ClassVar[str]  # a line in the list of commands
-    description: ClassVar[str]
-    epilog: ClassVar[str | None] = None
-    outputs: ClassVar[tuple[str, ...]] = ("out",)  # options that name what is written
-    is_folder: ClassVar[bool] = True  # what --out names
-    default: ClassVar[str] = (
-        ""  # in the folder out, by the name of the scene: what --out is by itself
-    )
-    whole: ClassVar[bool] = False  # its folder holds one run's results and nothing else
+    options : arguments of argparse by name; below ONE_OF those of which one at most is given. fixed : values
+    of options that it does not have. least : smallest numbers of options. outputs : options that name what is
+    written. is_folder : so is --out. default : what --out is by itself, in the folder out by the name of the
+    scene, or a function of what was chosen. whole : its folder holds one run's results and nothing else.
+    lock : the file that keeps other commands from writing to the same place, where that is no whole folder.
+    kept : what an interrupted command says of the files that it leaves. by : the module, by default
+    commands.NAME. maker : its name in the record of a folder; what makes the same has the same.
+    """
 
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Declare what may follow the name."""
+    name: str
+    help: str  # a line in the list of commands
+    description: str
+    options: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    epilog: str | None = None
+    fixed: dict[str, object] = field(default_factory=dict)
+    least: Mapping[str, int] = field(default_factory=dict)
+    outputs: tuple[str, ...] = ("out",)
+    is_folder: bool = True
+    default: str | Callable[[argparse.Namespace], Path] = ""
+    whole: bool = False
+    lock: Callable[[argparse.Namespace], Path | None] | None = None
+    kept: str | Callable[[argparse.Namespace], str] = "finished files are kept in {}"
+    by: str = ""
+    maker: str = ""
 
     def output(self, chosen: argparse.Namespace) -> Path:
         """Return where results go, of a command that has ``--out``: what was asked for, or the default."""
-        return Path(chosen.out or Path("out") / self.default.format(name_of(chosen.scene)))
+        if callable(self.default):
+            return self.default(chosen)
+        return chosen.out or Path("out") / self.default.format(name_of(chosen.scene))
 
-    def lock(self, chosen: argparse.Namespace) -> Path | None:
-        """The file that keeps other commands from writing to the same place meanwhile; None: none does."""
-        return chosen.out / LOCK if self.whole else None
+    def lock_file(self, chosen: argparse.Namespace) -> Path | None:
+        """The file that is locked while it runs; None: none is."""
+        if self.lock is not None:
+            return self.lock(chosen)
+        share = getattr(chosen, "share", None)
+        number = "" if share is None else "-{}-of-{}".format(*share)
+        return chosen.out / f"{LOCK}{number}" if self.whole else None
 
     def is_whole(self, chosen: argparse.Namespace) -> bool:
-        """Return whether its folder holds nothing but this run's results afterwards: earlier ones go."""
-        return self.whole
+        """Return whether its folder holds nothing but this run's results afterwards: earlier ones go.
 
-    @property
-    def maker(self) -> str:
-        """Its name in the record of a folder; what makes the same has the same."""
-        return self.name
+        None that goes on, or makes a share, makes all files of its folder.
+        """
+        goes_on = getattr(chosen, "resume", False) or getattr(chosen, "share", None) is not None
+        return self.whole and not goes_on
 
-    def kept(self, chosen: argparse.Namespace) -> str:
+    def left(self, chosen: argparse.Namespace) -> str:
         """Return what an interrupted command says of the files that it leaves."""
-        return (
-            f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
-        )
+        if "out" not in chosen:
+            return "nothing was written"
+        return (self.kept(chosen) if callable(self.kept) else self.kept).format(chosen.out)
 
     def run(self, chosen: argparse.Namespace) -> None:
         """Do it.
@@ -133,27 +150,30 @@ class Command:
         IncompleteError : a part of what was asked for could not be made; exit code 4.
         UnlikeError : siblings of a tree are too unlike it; exit code 5.
         """
-        raise NotImplementedError
+        for option, least in self.least.items():
+            value = getattr(chosen, option)
+            refuse_beyond(f"--{option}", least if value is None else value, least)
+        name = f"{__package__}.{self.by or f'commands.{self.name}'}"
+        importlib.import_module(name).run(chosen)
 
 
-def add_cluster_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that say on which other machines workers are."""
-    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="of a Dask cluster")
-    parser.add_argument("--slurm", metavar="KEY=VALUE,...", help="start workers by Slurm")
+def declare(parser: argparse._ActionsContainer, options: Mapping[str, dict[str, Any]]) -> None:
+    """Declare options to a parser."""
+    for option, said in options.items():
+        if option == ONE_OF:
+            declare(parser.add_mutually_exclusive_group(), said)
+        else:
+            parser.add_argument(option, **said)
 
 
 def scene_file(words: str) -> Path:
     """Return the scene file that a word of the command line means: a file, or one of ``assets/scenes``
     by its name alone, such as hedge-bat."""
-    from forest_addon.base.places import shipped
-
     return shipped(words, "scenes", ".toml")
 
 
 def sound_file(words: str) -> Path:
     """Return the WAV file that a word of the command line means, or one of ``assets/sounds`` by its name."""
-    from forest_addon.base.places import shipped
-
     return shipped(words, "sounds", ".wav")
 
 

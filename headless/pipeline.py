@@ -399,10 +399,9 @@ def _write_report(run: Run, facts: dict[str, Any]) -> None:
     made = (run.findings, run.trees, run.targets, run.results, run.stages, run.files)
     write_record(run.out / "run.json", run.settings, facts, *made)
     if run.settings.output.report:
-        with run.stages.stage("write report.html"):
-            page.write(
-                run.out / "report.html", run.settings, run.findings, run.stages.seconds, run.files
-            )
+        page.write(
+            run.out / "report.html", run.settings, run.findings, run.stages.seconds, run.files
+        )
 
 
 def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:

@@ -20,7 +20,7 @@ if __name__ == "__main__":
     root = Path(__file__).resolve().parents[1]
     sys.path[:0] = [str(root), str(root / "tests")]
 
-from references.hard_disc import HardDisc
+from references.discs import HardDisc
 
 from forest_addon.acoustics.disc_table import FILE, tabulated_ka
 

@@ -48,27 +48,12 @@ _cache = pytest.StashKey()
 COSTLY = {"archive", "done"}
 
 
-def pytest_addoption(parser):
-    """The option by which .ci/run tries pure rooms on the second Python."""
-    words = "of each test in this room its first case alone; may be given more than once"
-    parser.addoption("--one-case", action="append", default=[], metavar="ROOM", help=words)
-
-
 @pytest.hookimpl(tryfirst=True)  # before slow tests are left out
-def pytest_collection_modifyitems(config, items):
-    """Mark built zips and whole runs, which `make check` leaves out; take out cases beyond the first."""
-    rooms = {Path(__file__).parent / room for room in config.getoption("--one-case")}
-    seen, further = set(), []
+def pytest_collection_modifyitems(items):
+    """Mark built zips and whole runs, which `make check` leaves out."""
     for item in items:
         if COSTLY & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
-        test = item.nodeid.partition("[")[0]
-        if test in seen and not rooms.isdisjoint(item.path.parents):
-            further.append(item)
-        seen.add(test)
-    config.hook.pytest_deselected(items=further)
-    for item in further:
-        items.remove(item)
 
 
 @pytest.fixture(scope="session")

@@ -55,8 +55,7 @@ def absorption(
     classical = 1.84e-11 / pressure * np.sqrt(warmth)
     relaxing = 0.01275 * np.exp(-2239.1 / kelvin) * oxygen / (oxygen**2 + squared)
     relaxing = relaxing + 0.1068 * np.exp(-3352.0 / kelvin) * nitrogen / (nitrogen**2 + squared)
-    loss: np.ndarray = squared * (classical + warmth**-2.5 * relaxing)  # Np/m, (5)
-    return loss
+    return squared * (classical + warmth**-2.5 * relaxing)  # Np/m, (5)
 
 
 def relaxation(

@@ -17,8 +17,7 @@ from scipy import fft
 
 def points(count: int) -> np.ndarray:
     """(R,) in -1 … 1."""
-    place: np.ndarray = -np.cos(math.pi * (np.arange(count) + 0.5) / count)
-    return place
+    return -np.cos(math.pi * (np.arange(count) + 0.5) / count)
 
 
 def coefficients(values: np.ndarray, axis: int) -> np.ndarray:
@@ -85,5 +84,4 @@ class Cubics:
         """Values at places of any shape; beyond either end, that of the end."""
         place = np.clip((x - self.first) / self.step, 0.0, len(self.table))
         cell = np.minimum(np.nan_to_num(place).astype(np.int64), len(self.table) - 1)
-        value: np.ndarray = np.polyval(np.moveaxis(self.table[cell], -1, 0)[::-1], place - cell)
-        return value
+        return np.polyval(np.moveaxis(self.table[cell], -1, 0)[::-1], place - cell)

@@ -49,8 +49,7 @@ def transfer(
     wavenumber = 2.0 * math.pi * np.asarray(frequency, dtype=np.float64) / sound_speed
     spreading = np.sqrt(2.0 / (math.pi * np.where(wavenumber > 0, wavenumber, np.inf)))
     total = scattering_sum(wavenumber * np.asarray(radius, dtype=np.float64), angle, bark)
-    field: np.ndarray = np.conj(np.exp(0.25j * math.pi) * spreading * total)
-    return field
+    return np.conj(np.exp(0.25j * math.pi) * spreading * total)
 
 
 def scattering_sum(ka: ArrayLike, angle: ArrayLike, bark: float = 0.0) -> np.ndarray:
@@ -98,8 +97,7 @@ def order_count(ka: float) -> int:
 
 def surface_admittance(ka: np.ndarray, bark: float) -> np.ndarray:
     """β of bark that absorbs a share of a wave head on, at sizes ka; real, over that of air."""
-    found: np.ndarray = (2.0 - bark - 2.0 * math.sqrt(1.0 - bark)) / bark * ka**2 / (1.0 + ka**2)
-    return found
+    return (2.0 - bark - 2.0 * math.sqrt(1.0 - bark)) / bark * ka**2 / (1.0 + ka**2)
 
 
 def partial_waves(ka: np.ndarray, orders: int, bark: float = 0.0) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The exact disc's backscatter, tabulated: k·f by cubic splines in ka and incidence.
 
 ``hard_disc.npz`` holds, for each tabulated ka, the cosine series of k·f over the incidence;
-``packaging/make_disc_table.py`` makes it by ``tests/references/hard_disc.py``. Unfolded at first use, it
+``packaging/make_disc_table.py`` makes it by ``tests/references/discs.py``. Unfolded at first use, it
 becomes a grid that is even in √(ka + 1) and in √(β + 0.03), which puts the points where k·f oscillates and is
 large. What is interpolated is k·f over ``level``, which rises like k·f at normal incidence: as (ka)³, then
 as (ka)². What is unfolded is kept on the disk (``kept_tables``).
@@ -48,8 +48,7 @@ def tabulated_ka() -> np.ndarray:
 def level(ka: np.ndarray) -> np.ndarray:
     """Return what k·f is divided by in the table."""
     square = ka * ka
-    value: np.ndarray = square * ka / np.sqrt(4.0 + square)
-    return value
+    return square * ka / np.sqrt(4.0 + square)
 
 
 def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -93,8 +92,7 @@ def tabulated_bound(lowest: np.ndarray, highest: np.ndarray, angle: np.ndarray) 
         np.frexp(last - first + 1)[1] - 1
     )  # two overlapping runs of 2^doubling cells cover all
     ends = (maxima[doubling, row, column] for row in (first, last + 1 - (1 << doubling)))
-    bound: np.ndarray = np.maximum(*ends).astype(np.float64)
-    return bound
+    return np.maximum(*ends).astype(np.float64)
 
 
 def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -111,8 +109,7 @@ def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     rim = np.maximum(across, 1.0) ** -0.5
     envelope = size * (0.5 * size * cosine * np.minimum(1.0, 2.0 * rim**3) + rim)
     missed = (over_angle**4 + over_size**4) / 384.0
-    error: np.ndarray = (envelope * (MISSED * missed + ROUNDED) + SERIES * level(size)) / size
-    return error
+    return (envelope * (MISSED * missed + ROUNDED) + SERIES * level(size)) / size
 
 
 @lru_cache(maxsize=1)
@@ -151,8 +148,7 @@ def _make_splines() -> np.ndarray:
     values = padded @ np.cos(2.0 * np.arange(terms.max())[:, None] * angle)
     for axis in (0, 1):
         values = spline_filter1d(values, 3, axis, output=np.complex128)
-    coefficients: np.ndarray = values.astype(np.complex64)
-    return coefficients
+    return values.astype(np.complex64)
 
 
 @lru_cache(maxsize=1)

@@ -38,8 +38,7 @@ class CrossSections:
     def energy(self) -> np.ndarray:
         """Extinction without the shadow: at most the width of the trunk."""
         share = np.maximum(self.extinction, 1e-30) / 2.0
-        found: np.ndarray = 2.0 * share / (1.0 + share**EDGE) ** (1.0 / EDGE)
-        return found
+        return 2.0 * share / (1.0 + share**EDGE) ** (1.0 / EDGE)
 
 
 def cross_sections(ka: np.ndarray, bark: float = 0.0) -> CrossSections:

@@ -26,8 +26,7 @@ def foliage_loss(frequency: np.ndarray, leaf_area_density: float, absorption: fl
     square = np.square(np.asarray(frequency, np.float64))
     share = absorption * square * (square + LOWEST**2) ** -0.75
     share = share / (1.0 + (share / MOST) ** EDGE) ** (1.0 / EDGE)
-    found: np.ndarray = 0.25 * leaf_area_density * share
-    return found
+    return 0.25 * leaf_area_density * share
 
 
 VISCOSITY = 1.5e-5  # m²/s, kinematic, of air at 20 °C
@@ -62,8 +61,7 @@ def twig_loss(
     across = 4.0 * math.pi * wavenumber * radius**2 * np.abs((drag / slow).imag)
     aside = 2.0 * math.pi * VISCOSITY / speed * (slow * drag).real
     warmed = 2.0 * math.pi * (HEATS - 1.0) * wavenumber * radius**2 * np.abs((heat / warm).imag)
-    found: np.ndarray = (1.0 - along) * across + along * aside + warmed
-    return found
+    return (1.0 - along) * across + along * aside + warmed
 
 
 PUSHED = 5.0 / 3.0  # t

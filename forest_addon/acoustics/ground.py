@@ -45,8 +45,7 @@ def surface_impedance(
     """
     real, falls, imaginary, turns = MODELS[model]
     x = np.asarray(frequency, np.float64) / flow_resistivity
-    impedance: np.ndarray = 1.0 + real * x**falls - 1j * imaginary * x**turns
-    return impedance
+    return 1.0 + real * x**falls - 1j * imaginary * x**turns
 
 
 def under_leaves(
@@ -119,5 +118,4 @@ def coherence(
     variance = 0.5 * math.sqrt(math.pi) * fluctuation * wavenumber**2 * SCALE * path * near
     share = np.maximum(apart / SCALE, 1e-6)
     correlation = 0.5 * math.sqrt(math.pi) * special.erf(share) / share
-    found: np.ndarray = np.exp(-variance * (1.0 - correlation))
-    return found
+    return np.exp(-variance * (1.0 - correlation))

@@ -157,8 +157,7 @@ class _System:
     def heard_at(self, receiver: np.ndarray) -> np.ndarray:
         """(R, U) what each y adds to the pressure at the receivers."""
         waves = self._waves(receiver[:, None] - self.centre, self.last)
-        heard: np.ndarray = -np.exp(waves[:, self.owner, self.last + self.order] + self.regular)
-        return heard
+        return -np.exp(waves[:, self.owner, self.last + self.order] + self.regular)
 
     def coupled(self, alone: np.ndarray, direct_up_to: int) -> np.ndarray:
         """y with every echo between the cylinders."""
@@ -218,8 +217,7 @@ def _log_hankel_slopes(z: np.ndarray, orders: int) -> np.ndarray:
     """(orders + 1, Z) complex log H_n'(z), from H_n' = n/z·H_n - H_{n+1}."""
     logs = _log_hankel(z, orders + 1)
     n = np.arange(orders + 1)[:, None]
-    slopes: np.ndarray = logs[1:] + np.log(n / z * np.exp(logs[:-1] - logs[1:]) - 1.0)
-    return slopes
+    return logs[1:] + np.log(n / z * np.exp(logs[:-1] - logs[1:]) - 1.0)
 
 
 def _log_bessel_slopes(z: np.ndarray, orders: int) -> np.ndarray:

@@ -31,8 +31,7 @@ def delay_factors(start: float, spacing: float, count: int, delay: np.ndarray) -
 
 def phasors(cycles: np.ndarray) -> np.ndarray:
     """Phasors e^{-i2π·cycles}; whole cycles are taken off first, where the exponential would lose digits."""
-    found: np.ndarray = np.exp(-2j * math.pi * (cycles - np.rint(cycles)))
-    return found
+    return np.exp(-2j * math.pi * (cycles - np.rint(cycles)))
 
 
 @dataclass(frozen=True)

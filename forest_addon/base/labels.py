@@ -29,5 +29,4 @@ class Labels:
     def words(self) -> list[str]:
         """The name of each point; empty where it has none."""
         named = np.array([*self.names, ""], dtype=object)
-        found: list[str] = named[self.number].tolist()
-        return found
+        return named[self.number].tolist()

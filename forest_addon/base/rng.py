@@ -50,8 +50,7 @@ def truncated_normal(rng: np.random.Generator, count: int, limit: float = 2.0) -
     from scipy.special import ndtr, ndtri
 
     low, high = ndtr(-limit), ndtr(limit)
-    z: np.ndarray = ndtri(low + (high - low) * rng.random(count))
-    return z
+    return ndtri(low + (high - low) * rng.random(count))
 
 
 def _word(part: int | str) -> int:
@@ -86,8 +85,7 @@ def keyed_normal(keys: np.ndarray, purpose: str) -> np.ndarray:
     """(N,) standard normals, a function of key and purpose alone: ``keyed_uniform`` by inversion."""
     from scipy.special import ndtri
 
-    z: np.ndarray = ndtri(keyed_uniform(keys, purpose))
-    return z
+    return ndtri(keyed_uniform(keys, purpose))
 
 
 def first_key(seed: int, *key: int | str) -> np.ndarray:

@@ -88,8 +88,7 @@ def slots(group: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
     """(M,) lengths of vectors (M, 3), faster than by numpy's norm along an axis."""
-    found: np.ndarray = np.sqrt(np.einsum("mi,mi->m", vectors, vectors))
-    return found
+    return np.sqrt(np.einsum("mi,mi->m", vectors, vectors))
 
 
 def distinct(values: np.ndarray) -> np.ndarray:
@@ -98,8 +97,7 @@ def distinct(values: np.ndarray) -> np.ndarray:
     ordered = np.sort(values, axis=None)
     first = np.ones(len(ordered), dtype=bool)
     np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
-    found: np.ndarray = ordered[first]
-    return found
+    return ordered[first]
 
 
 def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

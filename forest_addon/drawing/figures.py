@@ -16,6 +16,7 @@ from matplotlib.colors import (
     ListedColormap,
     LogNorm,
     Normalize,
+    to_rgba_array,
 )
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -82,10 +83,10 @@ def draw_scan(scan: TractorScan) -> Figure:
 def draw_cloud(cloud: Cloud, tripod: Terrestrial | None = None) -> Figure:
     """A scan of points: from a tripod the panorama by distance, else the side; and from above."""
     figure, (left, above) = _figure(1, 2, (12.5, 5.2), widths=(1.75, 1))
-    every = max(1, len(cloud) // MOST_POINTS)
+    every = max(1, -(-len(cloud) // MOST_POINTS))
     order = np.argsort(cloud.position[::every, 2], kind="stable")
     points, organ = cloud.position[::every][order], cloud.returns.organ[::every][order]
-    colours = np.array([ORGANS[o][1] for o in range(DEAD + 1)])[organ]
+    colours = to_rgba_array([ORGANS[o][1] for o in range(DEAD + 1)])[organ]
     if tripod is not None:
         _panorama(figure, left, cloud, tripod)
         near = np.abs(points[:, :2] - np.array(tripod.position)[:2]).max(axis=1) < 22.0

@@ -129,7 +129,8 @@ def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]
         east, north = place.mean(axis=0)
         raise SpecError(
             "crs",
-            f'coordinates are degrees; name a system in metres, as "{metric_near(east, north)}"',
+            f"coordinates are degrees; name a system in metres, as {metric_near(east, north)}: --crs of a "
+            "command, crs of a scene",
         )
     if not target:
         authority, metres = known.to_authority(), metres_of(source)[0]

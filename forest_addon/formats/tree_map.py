@@ -39,6 +39,7 @@ from .table import unquoted
 PLACES = (  # names of x and y, the first pair that a table has
     *("x y", "xutm yutm", "utmx utmy", "utme utmn", "adjeasting adjnorthing", "easting northing"),
     *("east north", "gx gy", "px py", "pointx pointy", "xcoord ycoord", "coordx coordy"),
+    *("xkoordinate ykoordinate", "koordinatex koordinatey", "xkoord ykoord"),
     *("rechtswert hochwert", "ostwert nordwert", "xl93 yl93", "xlambert93 ylambert93", "est nord"),
     *("rechts hoch", "gausskrugerrechts gausskrugerhoch", "gkrechts gkhoch"),
     *("e n", "longitude latitude", "lon lat", "long lat", "lng lat"),
@@ -231,7 +232,7 @@ def read_rings(path: Path) -> list[np.ndarray]:
 
 
 # What is told of a table: a file of something else may hold what nobody may read.
-HEADING = re.compile(r"[^\W\d][\w .()²°-]{0,19}")
+HEADING = re.compile(r"[^\W\d][\w .()\[\]²°-]{0,29}")
 
 
 def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str]]:

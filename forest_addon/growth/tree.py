@@ -54,6 +54,7 @@ from .skeleton import Skeleton, first_level
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
 FEWEST = 7  # blades of a shoot
 SUNK = 0.15  # metres the trunk goes on below the ground, so that no gap shows
+ROOTS = 4.5  # how far roots stand out of a stem in relief, over how much wider its foot is
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,8 @@ def _whole(
     bark, relief = species.bark, None
     if species.detail.relief and (bark.relief or bark.ovality):
         texture = (bark.texture, max(bark.size, SMALLEST), bark.relief, bark.ovality)
-        relief = Relief(*texture, bark.upper_from, seed=int(rng.integers(2**63)))
+        roots = ROOTS * species.crown.flare if species.crown else 0.0
+        relief = Relief(*texture, bark.upper_from, int(rng.integers(2**63)), roots)
     wood = wood_of(skeleton, species.detail.tolerance, relief)
     mesh = lay(sites, blade, order=order, wood=wood)
     leaves = truth_of(sites, blade, branch)

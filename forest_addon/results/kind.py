@@ -14,19 +14,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..base.labels import Labels
 from ..drawing.strips import Plot
+from ..sensing.kind import Seen
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.sonar.ping import Contributions
 from .coordinates import Offset
 from .figures import Figure
-
-if TYPE_CHECKING:
-    from ..base.labels import Labels
-    from ..sensing.kind import Seen
-    from ..sensing.lidar.cloud import Cloud
-    from ..sensing.sonar.ping import Contributions
 
 Finding = Any  # what a sensor found: a Cloud, an Echo, ...
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray, str]]  # dimensions, values, unit

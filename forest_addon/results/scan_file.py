@@ -29,10 +29,10 @@ from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Scanner, SpecError
+from . import POINT_FORMATS
 from .coordinates import NO_OFFSET, Offset
 from .points import ending_of, point_type, records, write_packets, write_rows
 
-FORMATS = ("laz", "las", "copc.laz", "ply", "double.ply", "pcd", "npz")
 ROWS_AT_ONCE = 200_000
 SAVED_EVERY = 1.0  # s; a disk takes some of the time of a chunk for each saving
 
@@ -67,8 +67,7 @@ class ScanState:
     def write(self, path: Path) -> None:
         """Write it as JSON."""
         with replacing(path) as partial:
-            text = json.dumps(dataclasses.asdict(self)) + "\n"
-            partial.write_text(text, encoding="utf-8")
+            partial.write_text(json.dumps(dataclasses.asdict(self)) + "\n", encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -158,15 +157,17 @@ def _saved(file: PlyFile, noted: Path, state: ScanState, rows: Sequence[np.ndarr
 
 
 def stem_of(path: Path) -> str:
-    """The name of a file of points without its ending, one of ``FORMATS``.
+    """The name of a file of points without its ending, one of ``POINT_FORMATS``.
 
     Raises
     ------
     SpecError : an ending that is not known.
     """
     kind = ending_of(path).lstrip(".")
-    if kind not in FORMATS:
-        raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
+    if kind not in POINT_FORMATS:
+        raise SpecError(
+            str(path), f"cannot be written; end its name in .{', .'.join(POINT_FORMATS)}"
+        )
     return path.name[: -len(kind) - 1]
 
 
@@ -202,8 +203,7 @@ def _digest(scan: Scan, seed: int, offset: Offset) -> str:
     """Return what decides the bytes of a scan, in one number: settings, seed, scene, engine."""
     total = hashlib.blake2b(digest_size=16)
     settings = dataclasses.asdict(scan.scanner)
-    said = json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True)
-    total.update(said.encode())
+    total.update(json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True).encode())
     total.update(scene_digest(scan.caster.scene))
     probe = scan.pattern.pulses(np.linspace(0, scan.pulses - 1, 64).astype(np.int64))
     for array in (probe.origin, probe.direction):  # where an object that is followed goes

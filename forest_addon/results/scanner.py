@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..base.labels import Labels
 from ..base.rows import distinct
 from ..base.words import keep
 from ..drawing.strips import Axis, Plot, by_distance, from_above
+from ..sensing.kind import Seen
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.glance import range_image
 from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .points import ENDINGS, WAVEFORMS, write_points
+from .points import ENDINGS, UNITS, WAVEFORMS, records, write_points
 
 THIRDS = 3  # of the heights of what moves
-
-if TYPE_CHECKING:
-    from ..base.labels import Labels
-    from ..sensing.kind import Seen
-    from ..sensing.lidar.cloud import Cloud
 
 
 def _figures(scanner: Scanner, cloud: Cloud, _seen: Seen | None) -> list[Figure]:
@@ -146,7 +145,6 @@ def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
         return None
     if not isinstance(scanner, Terrestrial):
         return from_above(cloud.position)
-    from ..sensing.lidar.glance import range_image
 
     distance = range_image(cloud, scanner)
     (west, east), (low, high) = scanner.azimuth_deg, scanner.elevation_deg
@@ -164,8 +162,6 @@ def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
 
 
 def _labelled(cloud: Cloud) -> tuple[Variables, Variables]:
-    from .points import UNITS, records
-
     rows = records(cloud)
     return {
         name: (("point",), rows[name].copy(), UNITS.get(name, ""))

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..base.labels import Labels
 from ..base.words import keep
 from ..drawing.strips import Axis, Plot, by_distance
+from ..sensing.kind import Seen
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.tractor import TractorScan, to_cloud
+from ..spec import Tractor
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
 from .points import ENDINGS, write_points
-
-if TYPE_CHECKING:
-    from ..base.labels import Labels
-    from ..sensing.kind import Seen
-    from ..sensing.lidar.cloud import Cloud
-    from ..sensing.lidar.tractor import TractorScan
-    from ..spec import Tractor
 
 
 def _figures(_tractor: Tractor, scan: TractorScan, _seen: Seen | None) -> list[Figure]:
@@ -64,8 +62,6 @@ def _arrays(scan: TractorScan) -> dict[str, np.ndarray]:
 
 
 def _points(tractor: Tractor, scan: TractorScan) -> Cloud:
-    from ..sensing.lidar.tractor import to_cloud
-
     return to_cloud(scan, tractor)
 
 

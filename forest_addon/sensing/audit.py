@@ -104,8 +104,7 @@ def shares(
     with np.errstate(invalid="ignore"):
         apart = np.abs(np.subtract(one, other, dtype=np.result_type(one, other, np.float64))) / size
     same = (one == other) | (np.isnan(one) & np.isnan(other))
-    found: np.ndarray = np.where(same, 0.0, np.where(np.isnan(apart), np.inf, apart))
-    return found
+    return np.where(same, 0.0, np.where(np.isnan(apart), np.inf, apart))
 
 
 @dataclass(frozen=True)

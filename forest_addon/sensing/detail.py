@@ -244,8 +244,7 @@ def _tolerance(
 
 def _rows(forest: GrownForest, key: Key) -> np.ndarray:
     """(N,) which trees are of a variant."""
-    rows: np.ndarray = (forest.stand.species == key[0]) & (forest.stand.variant == key[1])
-    return rows
+    return (forest.stand.species == key[0]) & (forest.stand.variant == key[1])
 
 
 def _each(forest: GrownForest, measure: Callable[[Key, Tree], tuple[float, ...]]) -> np.ndarray:

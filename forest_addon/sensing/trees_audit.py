@@ -37,23 +37,24 @@ def audit_trees(
 ) -> dict[str, Audit]:
     """ "branches" and "leaves" of a forest that took ``seconds`` to grow and build, as far as it has them."""
     grown = [
-        (tree, forest.species[key[0]].detail.tolerance + _roughness(tree))
+        (tree, forest.species[key[0]].detail.tolerance + _roughness(tree)[0])
         for key, tree in forest.variants.items()
     ]
     parts = {"branches": part_of_tubes(grown, rng), "leaves": part_of_leaves(forest, scene, share)}
     return {name: held([part], rng, seconds) for name, part in parts.items() if part.of}
 
 
-def _roughness(tree: Tree) -> float:
-    """Bound how far bark in relief lies from the cones, metres."""
+def _roughness(tree: Tree) -> tuple[float, float]:
+    """Bound how far bark in relief lies from the cones, and how high roots reach, metres."""
     if tree.relief is None:
-        return 0.0
-    return tree.relief.most(float(tree.skeleton.radius.max(initial=0.0)))
+        return 0.0, 0.0
+    radius = float(tree.skeleton.radius.max(initial=0.0))
+    return tree.relief.most(radius), tree.relief.highest(radius)
 
 
 def part_of_tubes(trees: Sequence[tuple[Tree, float]], rng: np.random.Generator) -> AuditPart:
     """Points on the branches of trees, each with the tolerance that it was meshed with; of none where none
-    grows from cones. A point that no other branch and no ground hides is off by its way to the wood."""
+    grows from cones. A point that no other branch, root or ground hides is off by its way to the wood."""
     known = [(tree, allowed) for tree, allowed in trees if not tree.grafted]
     known = [(tree, allowed) for tree, allowed in known if len(_solid(tree.skeleton)[0])]
     cones = sum(len(tree.skeleton) for tree, _ in known)
@@ -62,7 +63,8 @@ def part_of_tubes(trees: Sequence[tuple[Tree, float]], rng: np.random.Generator)
     def look(number: np.ndarray) -> np.ndarray:
         errors = np.zeros(len(number))
         for row, one in enumerate((number * len(known) // cones).tolist()):
-            for point in points_on_cones(known[one][0].skeleton, TRIES, rng)[:1]:
+            points = points_on_cones(known[one][0].skeleton, TRIES, rng)
+            for point in points[points[:, 2] >= _roughness(known[one][0])[1]][:1]:
                 errors[row] = _to_triangles(point, _near(point, meshed[one])).min(initial=np.inf)
         return errors
 

@@ -690,7 +690,7 @@ class Detail(Settings):
     )
     relief: bool = param(
         False,
-        help="mesh the relief of the bark and the oval shape of the stem",
+        help="mesh the relief of the bark, the oval shape of the stem and the roots at its foot",
     )
     leaves: float = param(
         1.0,

@@ -29,7 +29,7 @@ from ..formats.helios.parts import read_obj
 from ..formats.ply import read_surface
 from ..formats.raster_file import GeoRaster, linear_between, read_raster
 from ..formats.stl import read_stl
-from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
+from ..formats.tree_map import LENGTHS, NUMBERS, TreeMap, read_tree_map
 from ..growth.library import read_allometry
 from ..spec import SpecError
 from ..spec.forest import METRES
@@ -62,6 +62,30 @@ def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = 
     scale or measure that is not above 0 or that no tree has.
     """
     trees = read_tree_map(path, crs)
+    refuse_sizes(path, trees)
+    named, said = trees.species != "", trees.said
+    if not named.all() and named.any():
+        said += (f"{path.name}: left out {(~named).sum():,} rows without a species",)
+    else:
+        named[:] = True
+    measures = trees.numbers[named, 2:]
+    return TreeList(
+        position=trees.position[named] - np.array(offset[:2]),
+        species=tuple(trees.species[named].tolist()) if (trees.species != "").any() else None,
+        scale=trees.numbers[named, 0],
+        rotation=trees.numbers[named, 1],
+        measures=measures if np.isfinite(measures).any() else None,
+        said=said,
+    )
+
+
+def refuse_sizes(path: Path, trees: TreeMap) -> None:
+    """Refuse measures of a table's trees that no tree has.
+
+    Raises
+    ------
+    SpecError : one is not above 0, or too large; says which unit would make sense.
+    """
     for key, column in zip(NUMBERS, trees.numbers.T, strict=True):
         bad = np.flatnonzero(column <= 0)
         if len(bad) and key != "rotation":
@@ -84,20 +108,6 @@ def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = 
                     f"{why}; a median of {typical:.3g} "
                     f"{' or '.join(fit)} would make sense: say the unit in the header, as {key}_{fit[0]}",
                 )
-    named, said = trees.species != "", trees.said
-    if not named.all() and named.any():
-        said += (f"{path.name}: left out {(~named).sum():,} rows without a species",)
-    else:
-        named[:] = True
-    measures = trees.numbers[named, 2:]
-    return TreeList(
-        position=trees.position[named] - np.array(offset[:2]),
-        species=tuple(trees.species[named].tolist()) if (trees.species != "").any() else None,
-        scale=trees.numbers[named, 0],
-        rotation=trees.numbers[named, 1],
-        measures=measures if np.isfinite(measures).any() else None,
-        said=said,
-    )
 
 
 def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:

@@ -327,17 +327,23 @@ def response_of(
 
 def _share_kept(shape: SwayShape, mean: np.ndarray, waves: np.ndarray, scale: float) -> np.ndarray:
     """(M,) shares of modes' amplitudes with which no wood turns by more than ``MOST_TURN``, at the mean and
-    ``DEVIATIONS`` of the gusts: each mode alone first, since thin tips turn by modes of their own."""
+    ``DEVIATIONS`` of the gusts. Where some would, modes are held by their part in that turn: a thin tip turns
+    by modes of its own, and the rest of its tree sways on."""
     turns = np.concatenate(shape.ends)[:, :, 3:] / scale
-    spread = np.sqrt(0.5 * (np.abs(waves) ** 2).sum(axis=1))
-    alone = np.linalg.norm(turns, axis=2).max(axis=0) * (np.abs(mean) + DEVIATIONS * spread)
-    share = MOST_TURN / np.maximum(alone, MOST_TURN)
-    mean, waves = share * mean, share[:, None] * waves
     gusts = 0.5 * (waves @ waves.conj().T).real
-    lean = np.linalg.norm(np.einsum("bmi,m->bi", turns, mean), axis=1)
-    shaken = np.einsum("bmi,bmi->b", turns, np.einsum("mn,bni->bmi", gusts, turns))
-    most = (lean + DEVIATIONS * np.sqrt(np.maximum(shaken, 0.0))).max(initial=0.0)
-    return np.asarray(share * (MOST_TURN / max(float(most), MOST_TURN)))
+    alone = np.abs(mean) + DEVIATIONS * np.sqrt(np.diagonal(gusts))
+    share = np.ones(len(mean))
+    for _ in range(MOST_STEPS):
+        own = turns * share[:, None]
+        lean = np.linalg.norm(np.einsum("bmi,m->bi", own, mean), axis=1)
+        shaken = np.einsum("bmi,bmi->b", own, np.einsum("mn,bni->bmi", gusts, own))
+        turn = lean + DEVIATIONS * np.sqrt(np.maximum(shaken, 0.0))
+        worst = int(np.argmax(turn))
+        if turn[worst] <= MOST_TURN:
+            return share
+        part = np.linalg.norm(own[worst], axis=1) * alone
+        share *= 1 - (1 - MOST_TURN / turn[worst]) * part / part.max()
+    return np.asarray(share * (MOST_TURN / turn[worst]))
 
 
 def _bent(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import textwrap
 from dataclasses import replace
@@ -29,6 +30,11 @@ COLUMNS = 2
 WIDE = 34  # letters of a line of the key
 ROOM, LEAST = 0.08, 1.3  # share of the decades, and decades
 FEW = 100.0  # times
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Sweep the scene that was chosen."""
+    sweep_scene(chosen.scene, chosen.out, chosen.error, chosen.seconds)
 
 
 def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = print) -> None:

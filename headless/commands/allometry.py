@@ -6,59 +6,41 @@ import argparse
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+from scipy.stats import ks_2samp
+
+from forest_addon.base.rng import child_keys, stream
+from forest_addon.formats.toml_file import write_settings
+from forest_addon.growth.draw import draw_inclination
+from forest_addon.growth.library import file_stem, find_species, load_species, read_measured
+from forest_addon.growth.measured.allometry import (
+    KINDS,
+    MEASURES,
+    Z90,
+    Kind,
+    Wanted,
+    band,
+    crown_base_of,
+    dbh_of,
+    draw,
+    fit_kind,
+    leaf_tips,
+    scores,
+    width_of,
+)
+from forest_addon.growth.measured.meet import grow_measured
+from forest_addon.growth.mesh.blades import leaf_areas
+from forest_addon.growth.tree import blade_of, grow
 from forest_addon.spec import SpecError, Species
 
-from ..command import Command
 
-if TYPE_CHECKING:
-    from forest_addon.growth.measured.allometry import Kind
-
-
-class AllometryCommand(Command):
-    name = "allometry"
-    help = "fit height, crown and leaf area over DBH to measured trees, or check grown ones"
-    description = (
-        "fit: fit the laws that trees are grown to measure by, height, crown width, crown base and leaf "
-        "area over the stem's diameter, their spread and correlation, to a table; writes a file a kind. "
-        "check: grow trees of a species over the diameters that were measured, and count how many lie "
-        "where 90 % of the measured ones do."
-    )
-    epilog = """A table has columns species, pft (EG, DG, EA, DA: evergreen or deciduous, gymnosperm or
-angiosperm), dbh_m, height_m, crown_width_m, crown_base_m, leaf_area_m2, and perhaps study and
-leaf_area_is (half, all or outline: how needles were counted)."""
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("action", choices=("fit", "check"), help="what to do")
-        parser.add_argument(
-            "what", metavar="TABLE.csv|SPECIES", help="of measured trees, or to grow"
-        )
-        parser.add_argument(
-            "--kind",
-            action="append",
-            default=[],
-            metavar="NAME",
-            help='fit: a species, genus or functional type of the table, "Picea abies"; may be repeated '
-            "(default: those that are shipped)",
-        )
-        parser.add_argument("--source", default="", help="fit: where the trees were measured")
-        parser.add_argument(
-            "--trees", type=int, default=1000, help="check: how many (default 1000)"
-        )
-        parser.add_argument(
-            "--out",
-            type=Path,
-            default=Path("out/allometry"),
-            metavar="FOLDER",
-            help="of fitted files",
-        )
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        if chosen.action == "fit":
-            fit_table(Path(chosen.what), chosen.kind, chosen.source, chosen.out)
-        else:
-            check_species(chosen.what, chosen.trees)
+def run(chosen: argparse.Namespace) -> None:
+    """Fit laws, or check a species."""
+    if chosen.action == "fit":
+        fit_table(Path(chosen.what), chosen.kind, chosen.source, chosen.out)
+    else:
+        check_species(chosen.what, chosen.trees)
 
 
 LEAVES = 1000  # whose inclination is tested
@@ -71,12 +53,6 @@ def fit_table(table: Path, kinds: Sequence[str], source: str, out: Path) -> None
     ------
     SpecError : the table cannot be used; a kind is not in it.
     """
-
-    import numpy as np
-
-    from forest_addon.formats.toml_file import write_settings
-    from forest_addon.growth.library import file_stem, read_measured
-    from forest_addon.growth.measured.allometry import KINDS, MEASURES, band, fit_kind
 
     measured = read_measured(table)
     out.mkdir(parents=True, exist_ok=True)
@@ -103,26 +79,6 @@ def check_species(name: str, trees: int) -> None:
     ------
     SpecError : the species is not grown to measure.
     """
-
-    import numpy as np
-
-    from forest_addon.base.rng import stream
-    from forest_addon.growth.library import find_species, load_species
-    from forest_addon.growth.measured.allometry import (
-        MEASURES,
-        Z90,
-        Kind,
-        Wanted,
-        crown_base_of,
-        dbh_of,
-        draw,
-        leaf_tips,
-        scores,
-        width_of,
-    )
-    from forest_addon.growth.measured.meet import grow_measured
-    from forest_addon.growth.mesh.blades import leaf_areas
-    from forest_addon.growth.tree import blade_of
 
     species, kind = load_species(find_species(name, Path()))
     if not isinstance(kind, Kind) or kind.allometry is None:
@@ -168,15 +124,8 @@ def check_species(name: str, trees: int) -> None:
 def _check_leaves(species: Species, kind: Kind) -> None:
     """Print whether the leaves of a tree incline as measured: Kolmogorov and Smirnov's test."""
 
-    import numpy as np
-
-    from forest_addon.base.rng import child_keys, stream
-    from forest_addon.growth.draw import draw_inclination
-    from forest_addon.growth.tree import grow
-
     if species.inclination is None:
         return
-    from scipy.stats import ks_2samp
 
     rng = stream(0, "check", species.name, "leaves")
     tree = grow(species, kind, rng)

@@ -6,44 +6,22 @@ import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
 
 from forest_addon.base.progress import Say
+from forest_addon.blender.scene.assets import FILE, grow_exhibits, write_species
+from forest_addon.drawing.figures import save_figure
+from forest_addon.drawing.palette import INK, PAPER
+from forest_addon.growth.library import find_species, load_species, species_names
 
-from ..command import Command, refuse_beyond
-
-if TYPE_CHECKING:
-    import numpy as np
+from ..command import refuse_beyond
 
 
-class AssetsCommand(Command):
-    name = "assets"
-    help = "grow an asset library: trees to drag from the Asset Browser"
-    outputs = ("out", "sheet")
-    description = (
-        "Grow trees of each species into a .blend file of assets, with pictures, tags and catalogs. Added "
-        "to Blender's asset libraries (Preferences, File Paths), they can be dragged into any scene; sensors "
-        "know their leaves, branches and species there."
-    )
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "names", nargs="*", metavar="SPECIES", help="which; default every preset"
-        )
-        parser.add_argument(
-            "--out", type=Path, default=Path("out/assets"), metavar="FOLDER", help="of the library"
-        )
-        parser.add_argument(
-            "--variants", type=int, default=4, metavar="N", help="trees of each species (default 4)"
-        )
-        parser.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
-        parser.add_argument(
-            "--sheet", type=Path, metavar="PNG", help="also put all pictures on one sheet"
-        )
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        refuse_beyond("--seed", chosen.seed, 0)
-        make_library(chosen.names, chosen.out, chosen.variants, chosen.seed, sheet=chosen.sheet)
+def run(chosen: argparse.Namespace) -> None:
+    """Make the library."""
+    make_library(chosen.names, chosen.out, chosen.variants, chosen.seed, sheet=chosen.sheet)
 
 
 MOST = 200  # trees of a species
@@ -66,9 +44,6 @@ def make_library(
     SpecError : a species is not known or cannot be used; the number of trees cannot be.
     OSError : a file could not be written; those written before stay.
     """
-
-    from forest_addon.blender.scene.assets import FILE, grow_exhibits, write_species
-    from forest_addon.growth.library import find_species, load_species, species_names
 
     refuse_beyond("--variants", variants, 1, MOST)
     loaded = [load_species(find_species(name, Path())) for name in names or species_names()]
@@ -100,9 +75,6 @@ def _span(values: list[float], digits: str) -> str:
 def pictures_of(file: Path) -> dict[str, np.ndarray]:
     """The picture (H, W, 4) of every asset of a file, rows from above."""
 
-    import bpy
-    import numpy as np
-
     with bpy.data.libraries.load(str(file), assets_only=True, link=True) as (there, here):
         here.collections = list(there.collections)
     found = {}
@@ -118,9 +90,6 @@ def pictures_of(file: Path) -> dict[str, np.ndarray]:
 def draw_sheet(files: Sequence[Path], path: Path) -> Path:
     """All pictures of a library with their names, as the Asset Browser shows them."""
     from matplotlib.figure import Figure
-
-    from forest_addon.drawing.figures import save_figure
-    from forest_addon.drawing.palette import INK, PAPER
 
     shown = [pair for file in files for pair in sorted(pictures_of(file).items())]
     columns = max(1, min(8, math.ceil(math.sqrt(1.6 * len(shown)))))

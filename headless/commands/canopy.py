@@ -6,54 +6,24 @@ import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+from matplotlib.colors import BoundaryNorm, ListedColormap
+
+from forest_addon.api import Site, World
 from forest_addon.base.progress import Say
+from forest_addon.drawing.figures import blank_figure, save_figure
+from forest_addon.drawing.palette import BARK, LEAF_GREEN, SKY, SOIL
+from forest_addon.formats.table import write_csv, write_npz
+from forest_addon.sensing.canopy import Canopy
 from forest_addon.spec import Scene, SpecError
 
-from ..command import SCENE_HELP, Command, finite, read_scene, refuse_beyond, scene_file
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from forest_addon.api import Site, World
-    from forest_addon.sensing.canopy import Canopy
+from ..command import read_scene, refuse_beyond
 
 
-class CanopyCommand(Command):
-    name = "canopy"
-    default = "{}/canopy"
-    whole = True
-    help = "gap fraction and leaf area index of a stand, by hemispherical pictures"
-    description = (
-        "Grow the forest of a scene file and look up from points in it by rays: gap fraction by zenith "
-        "angle, open sky, effective plant area index (Miller 1967), beside the true leaf and wood area "
-        "indices; and hemispherical pictures."
-    )
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
-        parser.add_argument(
-            "--out", type=Path, metavar="FOLDER", help="for the files (default out/SCENE/canopy)"
-        )
-        parser.add_argument(
-            "--at",
-            action="append",
-            metavar="X,Y[,Z]",
-            help="a point, metres; may be given again (default a grid over the middle of the field)",
-        )
-        parser.add_argument(
-            "--grid", type=int, default=5, metavar="N", help="points along a side of it (default 5)"
-        )
-        parser.add_argument(
-            "--height", type=finite, default=1.3, help="above the ground, metres (default 1.3)"
-        )
-        parser.add_argument("--seed", type=int, help="another seed than the scene file's")
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        look_up_in(
-            chosen.scene, chosen.out, chosen.at or [], chosen.grid, chosen.height, chosen.seed
-        )
+def run(chosen: argparse.Namespace) -> None:
+    """Look up."""
+    look_up_in(chosen.scene, chosen.out, chosen.at or [], chosen.grid, chosen.height, chosen.seed)
 
 
 MOST = 100  # points along a side of the grid
@@ -79,18 +49,21 @@ def look_up_in(
     SpecError : the scene, a point or the grid cannot be used.
     OSError : a file could not be written.
     """
-
-    import numpy as np
-
-    from forest_addon.api import Site
-    from forest_addon.formats.table import write_csv, write_npz
-
     settings = read_scene(scene, seed)
     folder = scene.resolve().parent
     refuse_beyond("--grid", grid, 1, MOST)
     places = [_point(text) for text in at] or _grid(settings, grid)
     site = Site.of(settings, folder)
-    points = _on_ground(site, places, height)
+    # (N, 3) places, those without a height so high above the ground
+    flat = np.array([place[:2] for place in places])
+    ground = site.ground.height(flat)
+    if not np.isfinite(ground).all():
+        x, y = flat[int(np.argmin(np.isfinite(ground)))]
+        raise SpecError("--at", f"there is no ground at ({x:g}, {y:g}) m; choose another point")
+    own = [
+        place[2] if len(place) == 3 else z + height for place, z in zip(places, ground, strict=True)
+    ]
+    points = np.column_stack([flat, own])
     world = site.build(site.grow())
     seen = world.canopy(points)
     out.mkdir(parents=True, exist_ok=True)
@@ -130,13 +103,6 @@ def draw_hemispheres(
     pictures: Sequence[np.ndarray], points: np.ndarray, seen: Canopy, path: Path
 ) -> Path:
     """The pictures side by side, and the gap fraction over the zenith angle."""
-
-    import numpy as np
-    from matplotlib.colors import BoundaryNorm, ListedColormap
-
-    from forest_addon.drawing.figures import blank_figure, save_figure
-    from forest_addon.drawing.palette import BARK, LEAF_GREEN, SKY, SOIL
-
     count = len(pictures) + 1
     columns = math.ceil(math.sqrt(count))
     rows = math.ceil(count / columns)
@@ -168,25 +134,6 @@ def _point(text: str) -> tuple[float, ...]:
 
 def _grid(settings: Scene, side: int) -> list[tuple[float, ...]]:
     """Points over the middle of the field."""
-
-    import numpy as np
-
     low, size = np.array(settings.forest.origin), np.array(settings.forest.size)
     share = 0.5 + INNER * ((np.arange(side) + 0.5) / side - 0.5)
     return [tuple((low + size * (x, y)).tolist()) for y in share for x in share]
-
-
-def _on_ground(site: Site, places: Sequence[tuple[float, ...]], height: float) -> np.ndarray:
-    """(N, 3) places, those without a height so high above the ground."""
-
-    import numpy as np
-
-    flat = np.array([place[:2] for place in places])
-    ground = site.ground.height(flat)
-    if not np.isfinite(ground).all():
-        x, y = flat[int(np.argmin(np.isfinite(ground)))]
-        raise SpecError("--at", f"there is no ground at ({x:g}, {y:g}) m; choose another point")
-    own = [
-        place[2] if len(place) == 3 else z + height for place, z in zip(places, ground, strict=True)
-    ]
-    return np.column_stack([flat, own])

@@ -5,47 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from forest_addon.base.progress import Say
+from forest_addon.formats.wav import read_wav, write_wav
+from forest_addon.sensing.reverb.auralise import auralise, normalised
 
-from ..command import Command, finite, out_file, sound_file
 
-
-class ConvolveCommand(Command):
-    name = "convolve"
-    help = "hear a dry sound in the forest"
-    is_folder = False
-    description = (
-        "Convolve a dry sound with an impulse response that a reverb wrote. The wet sound has "
-        "the response's rate and channels, as 32-bit float."
-    )
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("response", type=Path, metavar="IR.wav", help="the impulse response")
-        parser.add_argument(
-            "dry",
-            type=sound_file,
-            metavar="DRY.wav",
-            help="the dry sound, at any rate, or the name of one of assets/sounds",
-        )
-        parser.add_argument(
-            "--out",
-            type=Path,
-            metavar="WET.wav",
-            help="the wet sound (default IR-DRY.wav beside IR)",
-        )
-        parser.add_argument(
-            "--normalise",
-            type=finite,
-            metavar="DB",
-            help="bring the largest sample to so many dB re full scale; left out: levels stay",
-        )
-
-    def output(self, chosen: argparse.Namespace) -> Path:
-        beside = chosen.response.parent / f"{chosen.response.stem}-{chosen.dry.stem}.wav"
-        return out_file(chosen.out or beside, ".wav")
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        convolve(chosen.response, chosen.dry, chosen.out, chosen.normalise)
+def run(chosen: argparse.Namespace) -> None:
+    """Convolve."""
+    convolve(chosen.response, chosen.dry, chosen.out, chosen.normalise)
 
 
 def convolve(
@@ -59,11 +28,6 @@ def convolve(
     ------
     SpecError : a file that cannot be used.
     """
-
-    import numpy as np
-
-    from forest_addon.formats.wav import read_wav, write_wav
-    from forest_addon.sensing.reverb.auralise import auralise, normalised
 
     echoes, rate = read_wav(response)
     sound, dry_rate = read_wav(dry)

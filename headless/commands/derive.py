@@ -6,40 +6,23 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from forest_addon.base.rng import stream
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.growth.library import find_species, load_species
+from forest_addon.growth.lsystem.branching import system_of_grammar
+from forest_addon.growth.lsystem.system import Prediction, System, Word, predict, rewrite, written
+from forest_addon.growth.lsystem.turtle import system_of
+from forest_addon.growth.own_tree.relay import generations_of, write_string
+from forest_addon.growth.own_tree.sibling import grow_sibling
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ..command import Command, refuse_beyond
 
-if TYPE_CHECKING:
-    from forest_addon.growth.lsystem.system import Prediction, System, Word
-
-
-class DeriveCommand(Command):
-    name = "derive"
-    help = "print the string of a species' L-system"
-    outputs = ()
-    description = "Print the string that the L-system of a species makes."
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "species", metavar="PRESET", help="a species of assets/species, or a .toml"
-        )
-        parser.add_argument(
-            "--generations",
-            type=int,
-            metavar="N",
-            help="how often it is rewritten (default: as in the file)",
-        )
-        parser.add_argument("--seed", type=int, default=0, help="seed of the chances (default 0)")
-        parser.add_argument(
-            "--count", action="store_true", help="print the numbers of symbols and branches"
-        )
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        refuse_beyond("--seed", chosen.seed, 0)
-        derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
+def run(chosen: argparse.Namespace) -> None:
+    """Derive the string."""
+    derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
 
 
 # Symbols that begin a side branch.
@@ -60,9 +43,6 @@ def derive_species(name: str, generations: int | None, seed: int, count: bool) -
     ValueError : a string that would be too long; says how long.
     """
 
-    from forest_addon.formats.toml_file import read_settings
-    from forest_addon.growth.library import find_species
-
     species = read_settings(find_species(name, Path()), Species)
     if species.siblings is not None:
         text = _fitted(find_species(name, Path()), generations, seed)
@@ -80,11 +60,6 @@ def derive_species(name: str, generations: int | None, seed: int, count: bool) -
 def _fitted(path: Path, generations: int | None, seed: int) -> str:
     """The string of a tree by the grammar that is fitted to the species' template."""
 
-    from forest_addon.base.rng import stream
-    from forest_addon.growth.library import load_species
-    from forest_addon.growth.own_tree.relay import generations_of, write_string
-    from forest_addon.growth.own_tree.sibling import grow_sibling
-
     species, template = load_species(path)
     siblings = species.siblings or Siblings()
     grown = grow_sibling(template, siblings, int(stream(seed, "derive").integers(2**63)))
@@ -94,8 +69,6 @@ def _fitted(path: Path, generations: int | None, seed: int) -> str:
 
 
 def _system(species: Species, generations: int | None) -> tuple[System, str, int]:
-    from forest_addon.growth.lsystem.branching import system_of_grammar
-    from forest_addon.growth.lsystem.turtle import system_of
 
     if species.honda is not None or species.crown is not None:
         way = "branching ratios" if species.crown is None else "its crown's shape and measures"
@@ -112,16 +85,11 @@ def _system(species: Species, generations: int | None) -> tuple[System, str, int
 
 
 def _derive(system: System, generations: int, seed: int) -> Word:
-    from forest_addon.base.rng import stream
-    from forest_addon.growth.lsystem.system import rewrite
 
     return rewrite(system, generations, stream(seed, "derive"))
 
 
 def _print_counts(system: System, dialect: str, generations: int, seed: int) -> None:
-    import numpy as np
-
-    from forest_addon.growth.lsystem.system import predict, written
 
     size: Prediction = predict(system, generations)
     symbols, branches = size.symbols, sum(size.letters.get(b, 0) for b in BRANCHES[dialect])

@@ -9,31 +9,25 @@ import platform
 import re
 import sys
 
+from forest_addon import kernels
 from forest_addon.base.places import NO_BLENDER, ROOT, version
 
-from ..command import Command, IncompleteError
+from ..command import IncompleteError
 
 INSIDE = {"dev", "docs", "bpy"}  # extras that are no user's, or told apart
 KERNELS = "a C compiler (gcc, clang or pip install ziglang) builds them: install again, or run make"
 
 
-class DoctorCommand(Command):
-    name = "doctor"
-    help = "say what is installed, what computes, and what is missing"
-    description = "Print versions and engines, what is missing, and how to get it."
-    outputs = ()
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        from forest_addon import kernels
-
-        engine = kernels.engine()
-        print(f"Forest Sensing  {version()} in {ROOT}")
-        print(f"Python          {platform.python_version()} ({sys.executable})")
-        print(f"machine         {platform.platform()}, {os.cpu_count()} cores")
-        print(f"kernels         {engine}" + ("" if engine == "C" else f"; {KERNELS}"))
-        lacking = [*_blender(), *_packages()]
-        if lacking:
-            raise IncompleteError(f"{', '.join(lacking)} missing; forests need all of these")
+def run(_chosen: argparse.Namespace) -> None:
+    """Print what is installed."""
+    engine = kernels.engine()
+    print(f"Forest Sensing  {version()} in {ROOT}")
+    print(f"Python          {platform.python_version()} ({sys.executable})")
+    print(f"machine         {platform.platform()}, {os.cpu_count()} cores")
+    print(f"kernels         {engine}" + ("" if engine == "C" else f"; {KERNELS}"))
+    lacking = [*_blender(), *_packages()]
+    if lacking:
+        raise IncompleteError(f"{', '.join(lacking)} missing; forests need all of these")
 
 
 def _blender() -> list[str]:

@@ -13,112 +13,59 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
 
 from forest_addon.base.progress import Say
+from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
-from forest_addon.spec import (
-    Forest,
-    Gaussian,
-    Normal,
-    Planting,
-    Raster,
-    Scene,
-    SpecError,
-    Targets,
+from forest_addon.formats.raster_file import GeoRaster, read_raster
+from forest_addon.formats.toml_file import write_settings
+from forest_addon.formats.tree_map import read_rings, read_tree_map
+from forest_addon.growth.library import find_species, load_species
+from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
+from forest_addon.spec import Forest, Gaussian, Normal, Planting, Raster, Scene, SpecError, Targets
+from forest_addon.stand.compose import Inputs, process_of
+from forest_addon.stand.files import read_terrain, refuse_sizes
+from forest_addon.stand.layouts import Process, sample
+from forest_addon.stand.statistics.intensity import (
+    FittedMixture,
+    KernelEstimate,
+    Window,
+    fit_mixture,
+    kernel_estimate,
+)
+from forest_addon.stand.statistics.law import (
+    ACCEPTED,
+    ChosenLaw,
+    Estimate,
+    Goodness,
+    MappedSpecies,
+    choose_law,
+    examine,
+    law_of,
 )
 
-from ..command import PROGRAM, Command, out_file, species_of_map
+from ..command import PROGRAM, species_of_map
 from ..report import can_draw, without
 
-if TYPE_CHECKING:
-    import numpy as np
 
-    from forest_addon.formats.tree_map import TreeMap
-    from forest_addon.stand.compose import Inputs
-    from forest_addon.stand.layouts import Process
-    from forest_addon.stand.statistics.intensity import Window
-    from forest_addon.stand.statistics.law import ChosenLaw, Estimate, Goodness, MappedSpecies
-
-
-class EstimateCommand(Command):
-    name = "estimate"
-    help = "make a scene like a site from a map of its trees"
-    is_folder = False
-    description = (
-        "Estimate where trees stand on a site from a table of x, y and perhaps species, DBH and height, "
-        "and write a scene that plants forests like it, and a picture."
+def run(chosen: argparse.Namespace) -> None:
+    """Make a scene of a map, or of bare ground."""
+    if chosen.map is None:
+        scene_on(chosen.terrain, chosen.out, chosen.crs)
+        return
+    estimate_site(
+        chosen.map,
+        chosen.out,
+        chosen.method,
+        chosen.window,
+        chosen.species,
+        law=chosen.law,
+        crs=chosen.crs,
+        terrain=chosen.terrain,
     )
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "map", type=Path, nargs="?", metavar="TREES.csv", help="a table of trees"
-        )
-        parser.add_argument(
-            "--terrain",
-            type=Path,
-            metavar="DEM.tif",
-            help="the ground that they stand on; without a map, a scene of bare ground in its middle",
-        )
-        parser.add_argument(
-            "--out", type=Path, metavar="SITE.toml", help="the scene (default out/TREES/site.toml)"
-        )
-        parser.add_argument(
-            "--method",
-            choices=("mixture", "kernel"),
-            default="mixture",
-            help="Gaussian hills of maximum likelihood, or a kernel estimate (default mixture)",
-        )
-        parser.add_argument(
-            "--law",
-            choices=("auto", "poisson", "thomas", "matern", "strauss"),
-            default="auto",
-            help="how trees stand about that intensity: by chance, in groups, apart; auto takes the "
-            "first that the map's own tests accept (default auto)",
-        )
-        parser.add_argument(
-            "--window",
-            nargs="+",
-            default=(),
-            metavar="W",
-            help="where trees were mapped: X0 Y0 X1 Y1, or a CSV of corners x, y, ring "
-            "(default: around the trees)",
-        )
-        parser.add_argument(
-            "--species",
-            action="append",
-            default=[],
-            metavar="NAME=PRESET",
-            help="what to plant for a name of the map, or PRESET alone for all; may be repeated",
-        )
-
-        parser.add_argument(
-            "--crs",
-            default="",
-            metavar="EPSG:N",
-            help="system of the scene in metres, to which degrees are projected",
-        )
-
-    def output(self, chosen: argparse.Namespace) -> Path:
-        named = chosen.map or chosen.terrain
-        if named is None:
-            raise SpecError("estimate", "needs a map of trees, or --terrain DEM.tif")
-        return out_file(chosen.out or Path("out") / named.stem / "site.toml", ".toml")
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        if chosen.map is None:
-            scene_on(chosen.terrain, self.output(chosen), chosen.crs)
-            return
-        estimate_site(
-            chosen.map,
-            self.output(chosen),
-            chosen.method,
-            chosen.window,
-            chosen.species,
-            law=chosen.law,
-            crs=chosen.crs,
-            terrain=chosen.terrain,
-        )
 
 
 WIDEST = 100.0  # metres of a field on a terrain without a map of trees
@@ -160,20 +107,22 @@ def estimate_site(
     ------
     SpecError : the map, the window, a species or the law cannot be used.
     """
-
-    import numpy as np
-
-    from forest_addon.formats.tree_map import read_tree_map
-    from forest_addon.stand.statistics.intensity import Window
-    from forest_addon.stand.statistics.law import MappedSpecies
-
     if method == "kernel" and law not in ("auto", "poisson"):
         raise SpecError("--law", f"{law} goes with --method mixture; a kernel estimate is Poisson")
     trees = read_tree_map(path, crs)
     if not len(trees):
         raise SpecError(str(path), "has no trees below its header; give one a row")
+    refuse_sizes(path, trees)
     frame = _window(window) if window else Window.around(trees.position)
-    _refuse_outside(path, trees, frame)
+    outside = np.flatnonzero(~frame.contains(trees.position))
+    if len(outside):
+        x, y = trees.position[outside[0]]
+        others = f", as do {len(outside) - 1:,} more" if len(outside) > 1 else ""
+        raise SpecError(
+            str(path),
+            f"row {trees.line[outside[0]]}: the tree at ({x:.10g}, {y:.10g}) lies outside the window"
+            f"{others}; leave it out, or widen --window",
+        )
     kinds = species_of_map(np.unique(trees.species).tolist(), species, out.parent)
     offset = np.floor(frame.low) if np.abs(frame.high).max() > FAR else np.zeros(2)
     frame = Window(tuple(ring - offset for ring in frame.rings))
@@ -226,7 +175,7 @@ def estimate_site(
     else:
         say(without("The picture is left out"))
     say(f"Wrote {', '.join(written)}.")
-    say(f"Next: {PROGRAM} stand {out} --out points.csv")
+    say(f"Next: {PROGRAM} run {out}")
     return out
 
 
@@ -237,11 +186,6 @@ def scene_on(terrain: Path, out: Path, crs: str = "", say: Say = print) -> Path:
     ------
     SpecError : the file cannot be used, or does not say where it lies.
     """
-    import numpy as np
-
-    from forest_addon.formats.raster_file import read_raster
-    from forest_addon.formats.toml_file import write_settings
-
     raster = read_raster(terrain)
     if raster.transform is None:
         raise SpecError(str(terrain), "does not say where it lies; give a GeoTIFF or an ASCII grid")
@@ -259,8 +203,6 @@ def scene_on(terrain: Path, out: Path, crs: str = "", say: Say = print) -> Path:
 
 def _on_terrain(scene: Scene, terrain: Path, out: Path, say: Say) -> Scene:
     """The scene with a terrain, which is tried; says what it was read as."""
-    from forest_addon.stand.files import read_terrain
-
     ground = scene.forest.terrain.changed(
         file=Path(os.path.relpath(terrain, out.parent)).as_posix()
     )
@@ -274,12 +216,6 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
 
     Heights that the map gives move the law of the species, which is written beside the scene.
     """
-    import numpy as np
-
-    from forest_addon.formats.toml_file import write_settings
-    from forest_addon.growth.library import find_species, load_species
-    from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
-
     measured = numbers[:, 2:]
     told = np.isfinite(measured).any(axis=1)
     if not told.any():
@@ -311,9 +247,8 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
         )
         file = f"{out.stem}-{name}-allometry.toml"
         write_settings(out.parent / file, law.changed(height=height))
-    spread = Normal(
-        mean=float(dbh.mean()), sd=float(dbh.std()), low=float(dbh.min()), high=float(dbh.max())
-    )
+    mean, sd, low, high = np.round([dbh.mean(), dbh.std(), dbh.min(), dbh.max()], 6).tolist()
+    spread = Normal(mean=mean, sd=sd, low=low, high=high)
     say(f"  {name}: dbh of {spread.mean:.2g} ± {spread.sd:.2g} m, heights by {file}")
     return Targets(allometry=file, dbh=spread)
 
@@ -322,11 +257,6 @@ def _grown(
     mapped: MappedSpecies, kind: str, method: str, law: str, file: str, say: Say
 ) -> tuple[SpeciesOfSite, dict[str, np.ndarray]]:
     """Return what was estimated of a species' trees, and the arrays that its planting reads."""
-
-    from forest_addon.stand.compose import process_of
-    from forest_addon.stand.statistics.intensity import FittedMixture, fit_mixture, kernel_estimate
-    from forest_addon.stand.statistics.law import ChosenLaw, choose_law, examine, law_of
-
     points, frame = mapped.points, mapped.window
     estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
     planting, inputs = _planting(kind, estimate, file)
@@ -348,16 +278,10 @@ def _grown(
 
 
 def _simulate(process: Process, name: str, number: int) -> np.ndarray:
-    from forest_addon.base.rng import stream
-    from forest_addon.stand.layouts import sample
-
     return sample(process, stream(0, "goodness", name, number))
 
 
 def _window(words: Sequence[str]) -> Window:
-    from forest_addon.formats.tree_map import read_rings
-    from forest_addon.stand.statistics.intensity import Window
-
     try:
         if len(words) == 1:
             return Window(tuple(read_rings(Path(words[0]))))
@@ -371,37 +295,15 @@ def _window(words: Sequence[str]) -> Window:
         raise SpecError("--window", str(problem)) from None
 
 
-def _refuse_outside(path: Path, trees: TreeMap, window: Window) -> None:
-    import numpy as np
-
-    outside = np.flatnonzero(~window.contains(trees.position))
-    if len(outside):
-        x, y = trees.position[outside[0]]
-        others = f", as do {len(outside) - 1:,} more" if len(outside) > 1 else ""
-        raise SpecError(
-            str(path),
-            f"row {trees.line[outside[0]]}: the tree at ({x:.10g}, {y:.10g}) lies outside the window"
-            f"{others}; leave it out, or widen --window",
-        )
-
-
 def _field(window: Window) -> Forest:
     corners = [tuple(tuple(map(float, corner)) for corner in ring) for ring in window.rings]
     polygon = {} if window.is_rectangle else {"polygon": corners[0], "holes": tuple(corners[1:])}
-    return Forest(
-        origin=tuple(map(float, window.low)), size=tuple(map(float, window.extent)), **polygon
-    )
+    origin, size = (tuple(side.round(6).tolist()) for side in (window.low, window.extent))
+    return Forest(origin=origin, size=size, **polygon)
 
 
 def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Inputs]:
     """The settings of a species, and the array that they name."""
-
-    import numpy as np
-
-    from forest_addon.formats.raster_file import GeoRaster
-    from forest_addon.stand.compose import Inputs
-    from forest_addon.stand.statistics.intensity import KernelEstimate
-
     if isinstance(estimate, KernelEstimate):
         pixels = np.ascontiguousarray(estimate.pixels[::-1])  # north first
         raster = Raster(file=file)
@@ -424,9 +326,6 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
 
 
 def _summary(grown: SpeciesOfSite) -> str:
-    from forest_addon.stand.statistics.intensity import FittedMixture
-    from forest_addon.stand.statistics.law import ACCEPTED
-
     estimate = grown.estimate
     if isinstance(estimate, FittedMixture):
         count = len(estimate.peak)
@@ -465,11 +364,6 @@ def _words(law: ChosenLaw) -> str:
 
 def _write_scene(path: Path, scene: Scene, source: str, positions: np.ndarray) -> None:
     """Write a scene below notes on where it comes from, and on how near trees stand."""
-    import numpy as np
-    from scipy.spatial import cKDTree
-
-    from forest_addon.formats.toml_file import write_settings
-
     places = np.unique(positions, axis=0)
     nearest = cKDTree(places).query(places, k=2)[0][:, 1].min() if len(places) > 1 else 0.0
     write_settings(path, scene)

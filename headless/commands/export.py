@@ -5,38 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import SCENE_HELP, Command, read_scene, scene_file
+from ..command import read_scene
 from ..progress import Stages, hushed
 
 
-class ExportCommand(Command):
-    name = "export"
-    default = "{}-export"
-    whole = True
-    help = "write a scene for HELIOS++ and other programs: OBJ parts, XML, JSON"
-    description = (
-        "Grow a scene and write it for other programs: each mesh once as OBJ, a scene of HELIOS++, a survey "
-        "for each scanner that it can tell, and scene.json with places, labels, sensors, ways and seeds."
-    )
-    epilog = """\
-examples:
-  python -m headless export hedge --out out/hedge-export
-  python -m headless lidar --survey out/hedge-export/data/surveys/hedge-tripod.xml
-
-What HELIOS++ cannot say is printed, and stands in scene.json."""
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
-        parser.add_argument(
-            "--out", type=Path, metavar="FOLDER", help="default out/SCENE-export; made if missing"
-        )
-        parser.add_argument("--seed", type=int, help="another seed than the scene file's")
-        parser.add_argument(
-            "--quiet", action="store_true", help="say nothing but warnings and errors"
-        )
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        export_scene(chosen.scene, chosen.out, chosen.seed, quiet=chosen.quiet)
+def run(chosen: argparse.Namespace) -> None:
+    """Export the scene."""
+    export_scene(chosen.scene, chosen.out, chosen.seed, quiet=chosen.quiet)
 
 
 def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool = False) -> None:

@@ -10,76 +10,43 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 from forest_addon.base.progress import Say
+from forest_addon.blender.files.export import empty_file, save_blend
+from forest_addon.blender.scene.layout import RESULTS, part
+from forest_addon.blender.show.trails import show_flights
+from forest_addon.flight.flying import Track, fly, interval
+from forest_addon.flight.policies import load, policy_of
+from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
+from forest_addon.flight.simulation import Flyers
+from forest_addon.flight.woods import FlightSurroundings, Stock
+from forest_addon.formats.rosbag import BagWay, write_bag
+from forest_addon.formats.table import write_csv
 from forest_addon.spec import Scene, SpecError
 
-from ..command import SCENE_HELP, Command, refuse_beyond, scene_file
 from ..progress import Stages, hushed
-
-if TYPE_CHECKING:
-    from forest_addon.flight.flying import Track
-    from forest_addon.flight.woods import FlightSurroundings, Stock
+from ..report.flights import draw_flights
 
 
-POLICIES = ("straight", "gap", "echo", "trained")
-
-
-class FlyCommand(Command):
-    name = "fly"
-    default = "fly-{}"
-    whole = True
-    help = "fly a policy through a scene's forests"
-    description = (
-        "Fly through forests of a scene by what a LiDAR or two ears tell; write every way, success against "
-        "speed and density, a picture, and a .blend in which the flights are animated."
+def run(chosen: argparse.Namespace) -> None:
+    """Fly."""
+    speeds = listed("--speeds", chosen.speeds)
+    densities = listed("--densities", chosen.densities) or (1.0,)
+    fly_scene(
+        chosen.scene,
+        chosen.out,
+        chosen.policy,
+        chosen.episodes,
+        chosen.seed,
+        speeds,
+        densities,
+        chosen.trained,
+        not chosen.no_blend,
+        bags=chosen.bags,
     )
-    epilog = """\
-examples:
-  python -m headless fly assets/scenes/flight-poisson.toml --policy gap --episodes 100
-  python -m headless fly assets/scenes/flight-poisson.toml --speeds 3,5,8 --densities 0.5,1,2
-  python -m headless fly assets/scenes/flight-hedge.toml --policy echo --episodes 20"""
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
-        parser.add_argument("--policy", choices=POLICIES, default="gap", help="default gap")
-        parser.add_argument(
-            "--episodes", type=int, default=100, help="flights at each speed and density (100)"
-        )
-        parser.add_argument("--speeds", metavar="LIST", help="m/s; default: the scene's")
-        parser.add_argument("--densities", metavar="LIST", help="times the scene's trees (1)")
-        parser.add_argument(
-            "--trained", type=Path, metavar="FILE", help="what `flight learn` wrote"
-        )
-        parser.add_argument("--seed", type=int, default=0, help="of the first flight (default 0)")
-        parser.add_argument("--no-blend", action="store_true", help="write no .blend")
-        parser.add_argument(
-            "--bags", type=int, default=0, metavar="N", help="ROS 2 bags of the first N flights"
-        )
-        parser.add_argument("--out", type=Path, metavar="DIR", help="default out/fly-SCENE")
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        for option, value, least in (
-            ("--seed", chosen.seed, 0),
-            ("--bags", chosen.bags, 0),
-            ("--episodes", chosen.episodes, 1),
-        ):
-            refuse_beyond(option, value, least)
-        speeds = listed("--speeds", chosen.speeds)
-        densities = listed("--densities", chosen.densities) or (1.0,)
-        fly_scene(
-            chosen.scene,
-            chosen.out,
-            chosen.policy,
-            chosen.episodes,
-            chosen.seed,
-            speeds,
-            densities,
-            chosen.trained,
-            not chosen.no_blend,
-            bags=chosen.bags,
-        )
 
 
 def listed(name: str, words: str | None) -> tuple[float, ...]:
@@ -140,13 +107,6 @@ def fly_scene(
     OSError : a file could not be written.
     """
 
-    from forest_addon.blender.files.export import empty_file
-    from forest_addon.flight.flying import interval
-    from forest_addon.flight.senses import lidar_of
-    from forest_addon.flight.woods import Stock
-
-    from ..report.flights import draw_flights
-
     with hushed():
         empty_file()
         stock = Stock(path, path.resolve().parent)
@@ -196,11 +156,6 @@ def write_track_bag(path: Path, track: Track, reach: float) -> None:
     SpecError : the library rosbags is missing.
     """
 
-    import numpy as np
-    from scipy.spatial.transform import Rotation
-
-    from forest_addon.formats.rosbag import BagWay, write_bag
-
     time = np.arange(len(track.position)) * track.step
     turn = Rotation.from_euler("Z", track.heading[:, None])
     write_bag(path, BagWay(time, track.position, turn, track.nearest), reach=reach)
@@ -238,10 +193,6 @@ def _cell(
     speed: float,
     density: float,
 ) -> tuple[FlightCell, FlightSurroundings]:
-    from forest_addon.flight.flying import fly
-    from forest_addon.flight.policies import load, policy_of
-    from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
-    from forest_addon.flight.simulation import Flyers
 
     settings = stock.settings
     flight = settings.flight.changed(speed=speed, slowest=min(settings.flight.slowest, speed))
@@ -272,10 +223,6 @@ def _mean_speed(cell: FlightCell) -> float:
 def write_tracks(path: Path, cells: Sequence[FlightCell]) -> None:
     """Every step of every flight, a row each."""
 
-    import numpy as np
-
-    from forest_addon.formats.table import write_csv
-
     columns: dict[str, list] = {
         name: []
         for name in (
@@ -302,9 +249,6 @@ def write_tracks(path: Path, cells: Sequence[FlightCell]) -> None:
 def write_success(path: Path, cells: Sequence[FlightCell]) -> None:
     """A row a speed and density: how many arrive, with the interval of 95 %."""
 
-    from forest_addon.flight.flying import interval
-    from forest_addon.formats.table import write_csv
-
     rows = []
     for cell in cells:
         low, high = interval(cell.arrived, len(cell.tracks))
@@ -329,10 +273,6 @@ def write_success(path: Path, cells: Sequence[FlightCell]) -> None:
 def _save(path: Path, cell: FlightCell, world: FlightSurroundings) -> None:
     """The first forest of a cell in Blender, with the flights through it."""
     import bpy
-
-    from forest_addon.blender.files.export import save_blend
-    from forest_addon.blender.scene.layout import RESULTS, part
-    from forest_addon.blender.show.trails import show_flights
 
     world.stock.built(world.forest)
     forest = cell.tracks[0].forest

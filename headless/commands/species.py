@@ -9,59 +9,33 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from forest_addon.base.progress import Say
+from forest_addon.base.rng import stream
+from forest_addon.growth.library import find_species, load_species, species_names
+from forest_addon.growth.measured.allometry import Kind, typical_tree
+from forest_addon.growth.tree import Tree, grow
+from forest_addon.growth.truth import tree_truth
 from forest_addon.spec import Normal, SpecError, Species
+from forest_addon.stand.measured import ALONE
 
-from ..command import Command, refuse_beyond
+from ..command import refuse_beyond
 from ..progress import hushed
 from ..report import can_draw, without
 
-if TYPE_CHECKING:
-    from forest_addon.growth.tree import Tree
 
-
-class SpeciesCommand(Command):
-    name = "species"
-    help = "grow one tree of each preset: a table, and a contact sheet"
-    outputs = ("sheet", "pictures", "close_ups")
-    is_folder = False
-    description = "Grow one tree of each species and print its size, leaves and wood."
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("names", nargs="*", metavar="NAME", help="which; default every preset")
-        parser.add_argument("--sheet", type=Path, metavar="PNG", help="also render a contact sheet")
-        parser.add_argument(
-            "--pictures",
-            type=Path,
-            metavar="DIR",
-            help="also render a small picture of each into a folder",
-        )
-        parser.add_argument(
-            "--close-ups",
-            type=Path,
-            metavar="DIR",
-            help="render a fork, bark at a metre and a twig of each NAME into a folder; without a NAME a "
-            "fork of beech, bark of pine and a twig of maple",
-        )
-        parser.add_argument(
-            "--pixels", type=int, default=800, help="width of a tree on the sheet (default 800)"
-        )
-        parser.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        refuse_beyond("--seed", chosen.seed, 0)
-        refuse_beyond("--pixels", chosen.pixels, 50, 4000)
-        if chosen.close_ups:
-            show_closeups(chosen.names, chosen.close_ups, chosen.seed)
-            if not (chosen.sheet or chosen.pictures):
-                return
-        show_species(
-            *(chosen.names, chosen.sheet, chosen.seed),
-            pictures=chosen.pictures,
-            pixels=chosen.pixels,
-        )
+def run(chosen: argparse.Namespace) -> None:
+    """Show species, or close-ups of them."""
+    refuse_beyond("--pixels", chosen.pixels, 50, 4000)
+    if chosen.close_ups:
+        show_closeups(chosen.names, chosen.close_ups, chosen.seed)
+        if not (chosen.sheet or chosen.pictures):
+            return
+    show_species(
+        *(chosen.names, chosen.sheet, chosen.seed),
+        pictures=chosen.pictures,
+        pixels=chosen.pixels,
+    )
 
 
 SHOTS = (("european-beech", "fork"), ("scots-pine", "bark"), ("norway-maple", "twig"))
@@ -86,9 +60,6 @@ def show_species(
     ------
     SpecError : a species is not known or cannot be used; pictures cannot be drawn.
     """
-
-    from forest_addon.growth.library import species_names
-    from forest_addon.growth.truth import tree_truth
 
     grown = [_grow(name, seed) for name in names or species_names()]
     head = f"{'species':<20}{'height':>8}{'triangles':>12}{'leaves':>9}{'leaf area':>11}{'wood':>9}"
@@ -131,11 +102,8 @@ def show_closeups(
     SpecError : a species is not known, or has nothing of the kind.
     """
 
-    from forest_addon.base.rng import stream
     from forest_addon.blender.show.preview import SHOTS as KINDS
     from forest_addon.blender.show.preview import render_closeup
-    from forest_addon.growth.library import find_species, load_species
-    from forest_addon.growth.tree import grow
 
     asked = [(name, kind) for name in names for kind in KINDS] or list(SHOTS)
     folder.mkdir(parents=True, exist_ok=True)
@@ -156,12 +124,6 @@ def show_closeups(
 
 def _grow(name: str, seed: int) -> tuple[Species, Tree]:
     """A tree of a preset or species file; of a measured one its middle tree, standing alone."""
-
-    from forest_addon.base.rng import stream
-    from forest_addon.growth.library import find_species, load_species
-    from forest_addon.growth.measured.allometry import Kind, typical_tree
-    from forest_addon.growth.tree import grow
-    from forest_addon.stand.measured import ALONE
 
     species, template = load_species(find_species(name, Path()))
     fine = species.changed(detail=species.detail.changed(tolerance=0.003))

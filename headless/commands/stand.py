@@ -9,45 +9,24 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from forest_addon.base.progress import Say
+from forest_addon.results.coordinates import FILE, note_of, write_note
+from forest_addon.results.tables import write_stand
+from forest_addon.site import ForestSite, check_species
 from forest_addon.spec import SpecError
 from forest_addon.spec.choices import idle, idle_in_scene
+from forest_addon.stand.files import read_inputs
+from forest_addon.stand.plan import Stand, labels
 
-from ..command import SCENE_HELP, Command, name_of, out_file, read_scene, scene_file
+from ..command import read_scene
 from ..progress import Stages
 from ..report import can_draw, without
 
-if TYPE_CHECKING:
-    from forest_addon.stand.plan import Stand
 
-
-class StandCommand(Command):
-    name = "stand"
-    help = "sample where the trees of a scene stand: a table, and a map"
-    is_folder = False
-    description = (
-        "Sample the positions of a scene's trees, without growing them; write them as CSV or "
-        "GeoJSON, and a map beside that."
-    )
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
-        parser.add_argument(
-            "--out",
-            type=Path,
-            metavar="FILE",
-            help=".csv or .geojson (default out/SCENE/points.csv)",
-        )
-        parser.add_argument("--seed", type=int, help="another seed than the scene file's")
-
-    def output(self, chosen: argparse.Namespace) -> Path:
-        out = chosen.out or Path("out") / name_of(chosen.scene) / "points.csv"
-        return out_file(out, ".csv", ".geojson", ".json")
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        sample_stand(chosen.scene, chosen.out, chosen.seed)
+def run(chosen: argparse.Namespace) -> None:
+    """Sample the stand."""
+    sample_stand(chosen.scene, chosen.out, chosen.seed)
 
 
 def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:
@@ -58,12 +37,6 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     SpecError : the scene, or a file that it names, cannot be used; ``out`` cannot be written.
     ValueError : an intensity that cannot be used, or asks for too many trees.
     """
-
-    from forest_addon.results.coordinates import FILE, note_of, write_note
-    from forest_addon.results.tables import write_stand
-    from forest_addon.site import ForestSite, check_species
-    from forest_addon.stand.files import read_inputs
-    from forest_addon.stand.plan import labels
 
     settings = read_scene(scene, seed)
     folder = scene.resolve().parent

@@ -11,101 +11,37 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from forest_addon.base.progress import Say
-from forest_addon.spec import FORMER, Siblings, SpecError, Species
+from forest_addon.base.rng import stream
+from forest_addon.formats.helios.parts import lost_materials
+from forest_addon.growth.library import (
+    Brought,
+    Library,
+    NotUnderstoodError,
+    load_species,
+    make_library,
+)
+from forest_addon.growth.likeness import Verdict
+from forest_addon.growth.own_tree.anatomy import OFF, Anatomy
+from forest_addon.growth.own_tree.pieces import Group
+from forest_addon.growth.own_tree.relay import farthest_off, hold_rings
+from forest_addon.growth.own_tree.sibling import Grown, grow_sibling
+from forest_addon.growth.tree import Tree, grow
+from forest_addon.spec import Siblings, SpecError, Species
 
-from ..command import PROGRAM, Command, UnlikeError, finite
+from ..command import PROGRAM, UnlikeError
 from ..progress import Stages, hushed
 from ..report import can_draw, without
 
-if TYPE_CHECKING:
-    from forest_addon.growth.library import Brought, Library, NotUnderstoodError
-    from forest_addon.growth.likeness import Verdict
-    from forest_addon.growth.own_tree.anatomy import Anatomy
-    from forest_addon.growth.own_tree.pieces import Group
-    from forest_addon.growth.own_tree.sibling import Grown
-    from forest_addon.growth.tree import Tree
 
-
-class TemplateCommand(Command):
-    name = "template"
-    whole = True
-    help = "make a species from your own tree (STL, PLY, OBJ, glTF)"
-    description = (
-        "Recognise trunk, branches and leaves in files of a tree, and write a species "
-        "by which siblings of it grow, pictures of what was recognised and of some siblings, and a "
-        "scene that plants them. A table says how close the siblings come to the tree."
+def run(chosen: argparse.Namespace) -> None:
+    """Make the species."""
+    brought = Brought(chosen.wood, chosen.leaves, chosen.height, chosen.unit, chosen.up)
+    make_template(
+        *(brought, chosen.name, chosen.out, chosen.grammar, chosen.siblings),
+        accept=chosen.accept,
     )
-
-    def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "wood",
-            type=Path,
-            metavar="WOOD",
-            help="trunk and branches, and perhaps leaves: .stl, .ply, .obj, .gltf or .glb",
-        )
-        parser.add_argument(
-            "leaves",
-            type=Path,
-            nargs="?",
-            metavar="LEAVES",
-            help="leaves, if in a file of their own",
-        )
-        parser.add_argument(
-            "--unit",
-            default="",
-            help="metres, centimetres, millimetres, feet ...; left out: inferred",
-        )
-        parser.add_argument(
-            "--up",
-            default="",
-            metavar="AXIS",
-            help="the files' upright axis, z or y; else inferred",
-        )
-        parser.add_argument("--name", required=True, help="name of the species")
-        parser.add_argument(
-            "--height",
-            type=finite,
-            default=0.0,
-            metavar="M",
-            help="height of the tree in metres; left out: inferred, and said",
-        )
-        parser.add_argument(
-            "--grammar",
-            choices=("fitted", "tanveer-2020a"),
-            type=lambda word: FORMER.get(word, word),
-            default="fitted",
-            help="siblings of the tree, or its branches on Tanveer et al.'s grammar (default fitted)",
-        )
-        parser.add_argument(
-            "--siblings",
-            type=int,
-            default=50,
-            metavar="N",
-            help="how many to grow and compare with the tree, 24 at least (default 50; 0: none)",
-        )
-        parser.add_argument(
-            "--accept",
-            action="store_true",
-            help="write the scene even if siblings are too unlike the tree (exit code 5 without)",
-        )
-        parser.add_argument(
-            "--out", type=Path, metavar="DIR", help="folder for the library (default out/NAME)"
-        )
-
-    def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / chosen.name
-
-    def run(self, chosen: argparse.Namespace) -> None:
-        from forest_addon.growth.library import Brought
-
-        brought = Brought(chosen.wood, chosen.leaves, chosen.height, chosen.unit, chosen.up)
-        make_template(
-            *(brought, chosen.name, chosen.out, chosen.grammar, chosen.siblings),
-            accept=chosen.accept,
-        )
 
 
 SHOWN = 5  # siblings in the picture
@@ -132,9 +68,6 @@ def make_template(
     SpecError : a file cannot be used, with the reason.
     UnlikeError : siblings are too unlike the tree; all but the scene was written.
     """
-
-    from forest_addon.formats.helios.parts import lost_materials
-    from forest_addon.growth.library import NotUnderstoodError, make_library
 
     if siblings and not 3 <= siblings <= 1000:
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
@@ -249,8 +182,6 @@ def _bridged(anatomy: Anatomy) -> list[str]:
 
 def _rings(anatomy: Anatomy, grown: Grown, what: str) -> str:
     """Say how far lowest rings of limbs were off the mesh of what bears them, and are."""
-    from forest_addon.growth.own_tree.anatomy import OFF
-    from forest_addon.growth.own_tree.relay import hold_rings
 
     far, left = hold_rings(anatomy, grown)
     limbs, moved = int((grown.parent >= 0).sum()), int((far > OFF).sum())
@@ -266,12 +197,6 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
 
     sensed : siblings that are scanned and listened to.
     """
-
-    from forest_addon.base.rng import stream
-    from forest_addon.growth.library import load_species
-    from forest_addon.growth.own_tree.relay import farthest_off
-    from forest_addon.growth.own_tree.sibling import grow_sibling
-    from forest_addon.growth.tree import grow
 
     from ..report.trees import add_sensors, tell_likeness
 

@@ -55,7 +55,7 @@ FROM_OUTSIDE = Terrestrial(
     elevation_deg=(0.0, 40.0),
     angle_step_deg=1.0,
 )
-SOME_SUBRAYS, THRESHOLDS = (7, 19, 61, 300), (0.0, 0.01, 0.02, 0.05, 0.1)
+SOME_SUBRAYS, THRESHOLDS = (7, 19, 300), (0.0, 0.01, 0.05)
 
 
 def say_pulses(say: Say) -> None:
@@ -290,7 +290,7 @@ def _meet(skeleton: Skeleton, origins: np.ndarray, directions: np.ndarray) -> np
 # timed as a whole.
 
 
-TOLERANCES = (4.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)  # mm
+TOLERANCES = (4.0, 1.0, 0.2, 0.05)  # mm
 FINE = 1e-4  # metres
 PARTS, SOLID = (0, 1, 2, 4), 8
 SAME = 0.02  # metres; ranges that differ by more are of another branch

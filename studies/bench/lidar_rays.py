@@ -45,7 +45,7 @@ from ..tables import median_seconds, table
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5
 MEASURED = ("european-beech", "scots-pine", "norway-spruce")  # middle trees, among 1000
-INSTANCES = (1, 10, 100, 1000)
+INSTANCES = (1, 100, 1000)
 RAYS = {BvhCaster: 20_000, EmbreeCaster: 200_000}
 CHECKED = 64  # rays of each kind against brute force
 

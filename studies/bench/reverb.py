@@ -36,7 +36,7 @@ from ..tables import fresh, median_seconds, table, timed
 TITLE = "reverb: sum over trunks on 1 km², radius 0.25 m, all paths in the record"
 SIDE = 1000.0  # m
 AIR = Air(sound_speed=343.0)
-TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+TOLERANCES = (1e-2, 1e-4, 1e-6)
 LOW = (5.0, 10.0, 17.0)  # Hz, besides the frequencies above 20 Hz
 
 
@@ -153,7 +153,7 @@ def _by_rate_and_distance(say: Say) -> None:
     say("\n100,000 trunks\n")
     rows = []
     for rate in (24e3, 48e3):
-        for distance in (10.0, 100.0, 400.0):
+        for distance in (10.0, 400.0):
             paths = _forest(100_000, distance)
             exact = _Exact(paths, rate, 6)
             for tolerance in (1e-2, 1e-4, 1e-6):
@@ -165,7 +165,7 @@ def _by_rate_and_distance(say: Say) -> None:
 def _measures(say: Say) -> None:
     say("\nWhat the measures make of it: 3,000 trunks at 24 kHz against the exact sum, full band\n")
     rows = []
-    for distance in (10.0, 100.0, 400.0):
+    for distance in (10.0, 400.0):
         paths = _forest(3_000, distance)
         size = _record(paths, 24e3)
         exact = direct_sum(paths, 24e3, size, AIR)
@@ -198,7 +198,6 @@ CASES = (
     (100_000, 1000.0, (0.25, 0.25), 24e3, None),
     (1_000, 300.0, (0.03, 0.3), 24e3, None),
     (30_000, 600.0, (0.03, 0.3), 24e3, None),
-    (30_000, 600.0, (0.03, 0.3), 48e3, None),
     (30_000, 600.0, (0.03, 0.3), 96e3, None),
     (200, 100.0, (0.03, 0.3), 24e3, 0.5),
 )

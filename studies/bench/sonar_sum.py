@@ -16,7 +16,7 @@ START, BAND, BINS, SPEED = 60e3, 20e3, 1201, 340.0
 SPACING = BAND / (BINS - 1)
 SHARE = 40  # every so many bins are summed directly, for the error
 TIMED = 5_000  # leaves of the direct sum that is timed
-TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8)
 
 
 def say_sum(say: Say) -> None:
@@ -27,11 +27,11 @@ def say_sum(say: Say) -> None:
         f"Direct: time of {TIMED:,} leaves, times the number of them. First: the first of its tolerance.\n"
     )
     rows = []
-    for model, count in (("paper", 1_000), ("paper", 10_000), ("paper", 100_000)):
-        rows += _rows(model, count, "spread", TOLERANCES)
-    rows += _rows("paper", 1_000_000, "spread", (1e-3, 1e-5, 1e-6))
+    for count in (1_000, 100_000):
+        rows += _rows("paper", count, "spread", TOLERANCES)
+    rows += _rows("paper", 1_000_000, "spread", (1e-3, 1e-6))
     for model in ("piston", "exact"):
-        rows += _rows(model, 100_000, "spread", (1e-3, 1e-4, 1e-5, 1e-6))
+        rows += _rows(model, 100_000, "spread", (1e-3, 1e-4, 1e-6))
     for model in ("paper", "piston", "exact"):
         rows += _rows(model, 100, "spread", (1e-6,))
         rows += _rows(model, 10_000, "equal", (1e-3, 1e-6))
@@ -136,7 +136,7 @@ def models(say: Say) -> None:
     degrees = (0, 10, 20, 30, 45, 60, 75)
     every = np.arccos((np.arange(20_000) + 0.5) / 20_000)  # isotropic
     rows = []
-    for ka in (0.5, 1, 2, 5, 10, 20, 37, 60, 100, 200):
+    for ka in (0.5, 1, 2, 5, 10, 37, 100):
         cells = [f"{ka}"]
         for angle in (*np.radians(degrees), every):
             levels = {

@@ -196,7 +196,8 @@ def part_text(part: Subject, pictures: str) -> str:
     said = [
         f"- **{c.quantity}.** {c.words}"
         for c in shown
-        if c.words and not (pictures and c.verdict == AGREES)
+        if c.words
+        and not (pictures and (c.verdict == AGREES or c.words.startswith("Agrees within")))
     ]
     if said:
         lines += [*said, ""]

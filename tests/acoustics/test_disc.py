@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from references.echo_direct import scattering_direct
-from references.hard_disc import HardDisc
+from references.discs import HardDisc, hard_disc_spheroidal
+from references.echoes import scattering_direct
 from scipy import integrate, special
 
+from forest_addon.acoustics import disc_table, kept_tables
 from forest_addon.acoustics.disc import (
     HANDOVER,
     MODELS,
     amplitude_bound,
     backscatter,
     backscatter_amplitude,
-    jinc,
 )
-from forest_addon.acoustics.disc_table import LAST
+from forest_addon.acoustics.disc_table import (
+    ERROR,
+    FILE,
+    LAST,
+    MARGIN,
+    tabulated,
+    tabulated_bound,
+    tabulated_ka,
+)
+from forest_addon.acoustics.kept_tables import VARIABLE, cache_folder, kept_table
 
 
 @pytest.mark.parametrize("model", ["paper", "piston"])
@@ -115,12 +129,6 @@ def test_hard_regions(model: str) -> None:
         np.testing.assert_allclose(value[:, 0], ka[:, 0] ** 2 / 2)
 
 
-def test_jinc() -> None:
-    x = np.array([0.0, 1e-5, 9.999e-5, 1.0001e-4, 1.0, 3.8317059702075125])
-    expected = [1, 1 - 1.25e-11, 1 - 9.998e-9 / 8, 1 - 1.00020001e-8 / 8, 0.8801011714897, 0]
-    np.testing.assert_allclose(jinc(x), expected, atol=1e-13)
-
-
 @pytest.mark.medium
 @pytest.mark.parametrize("model", MODELS)
 def test_bound_holds_over_the_band(model: str) -> None:
@@ -205,3 +213,219 @@ def test_large_discs_off_their_normal(ka: float) -> None:
     ):
         some = (angle >= low) & (angle <= high)
         assert off[some].mean() <= share**2 * np.mean(np.abs(exact[some]) ** 2)
+
+
+# ---------------------------------------------------------------------------------------- disc exact
+# The exact disc that other tests are held to: separation of variables, and nothing is lost.
+
+DIRECTIONS = [(0.3, 0.3, 0.0), (0.7, 1.2, 0.9), (0.4, 2.3, 2.0), (1.5, 1.5, 0.0), (0.0, 3.1, 1.0)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ka", [0.3, 2.0, 6.0])
+def test_separation_of_variables(ka: float) -> None:
+    expected = hard_disc_spheroidal(ka, DIRECTIONS)
+    values = HardDisc(ka).amplitude(*np.array(DIRECTIONS).T)
+    np.testing.assert_allclose(values, expected, atol=1e-9 * max(ka**3, ka**2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ka", [1e-2, 1.0, 30.0])
+@pytest.mark.parametrize("incidence", [0.0, 0.7])
+def test_optical_theorem(ka: float, incidence: float) -> None:
+    """∫|k·f|² dΩ = -4π·Im k·f forward (e^{+iωt}): nothing is lost."""
+    count = math.ceil(1.5 * ka) + 24
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    turn = 2 * math.pi * np.arange(2 * count) / (2 * count)
+    scattered, azimuth = (
+        grid.ravel() for grid in np.meshgrid(np.arccos(nodes), turn, indexing="ij")
+    )
+    disc = HardDisc(ka)
+    field = disc.amplitude(np.full(scattered.shape, incidence), scattered, azimuth)
+    power = weights @ (np.abs(field) ** 2).reshape(count, -1).sum(axis=1) * math.pi / count
+    ahead = disc.amplitude(*(np.array([a]) for a in (incidence, math.pi - incidence, math.pi)))
+    assert power == pytest.approx(-4 * math.pi * ahead[0].imag, rel=1e-10)
+
+
+def test_more_orders_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """60 and 100 are beyond the separation of variables; there the truncation is what could be wrong."""
+    angle = np.linspace(0, 1.5, 7)
+    for ka in (60.0, 100.0):
+        disc, finer = HardDisc(ka), _Finer(ka)
+        assert finer.orders > disc.orders
+        difference = np.abs(disc.backscatter(angle) - finer.backscatter(angle))
+        assert difference.max() < 1e-9 * abs(disc.backscatter(np.zeros(1))[0])
+
+
+class _Finer(HardDisc):
+    """Half as many orders more, and so the quadrature of a larger disc's field."""
+
+    def __init__(self, ka: float) -> None:
+        from references.discs import _galerkin_matrix
+
+        super().__init__(ka)
+        self.orders = self.orders * 3 // 2
+        self._matrix = _galerkin_matrix(self._k, self.orders)
+
+
+# ---------------------------------------------------------------------------------------- disc table
+# The table of the exact disc against the solver, and as what the repository ships.
+
+SCRIPT = Path(__file__).resolve().parents[2] / "packaging" / "make_disc_table.py"
+RANGES = [(1e-9, 0.1), (0.1, 1), (1, 3), (3, 10), (10, 40), (40, 80), (80, LAST)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("low", "high"), RANGES)
+def test_error_is_as_stated(low: float, high: float) -> None:
+    rng = np.random.default_rng(5)
+    for ka in [*rng.uniform(low, high, 12), high]:
+        near = rng.uniform(0, min(1.5, 10 / ka), 300)  # the main lobe and the first side lobes
+        angle = np.concatenate([[0, math.pi / 2], near, rng.uniform(0, math.pi / 2, 300)])
+        exact = HardDisc(ka).backscatter(angle)
+        assert np.abs(tabulated(ka, angle) - exact).max() < ERROR * abs(exact[0])
+
+
+def test_broadcasting_and_ends() -> None:
+    ka, angle = np.array([[0.0], [5e-324], [1e-3], [LAST]]), np.array([0.0, 1.0, math.pi / 2])
+    value = tabulated(ka, angle)
+    assert value.shape == (4, 3)
+    assert np.isfinite(value).all()
+    assert (value[0] == 0).all()
+    assert np.isnan(tabulated(np.array([np.nan, 1.0]), np.array([1.0, np.nan]))).all()
+
+
+def test_bound_of_the_table() -> None:
+    rng = np.random.default_rng(6)
+    angle = np.append(rng.uniform(0, math.pi / 2, 300), [0, math.pi / 2])
+    for low, high in ((0.0, 0.3), (0.5, 0.6), (5.0, 6.7), (20.0, 27.0), (3.0, 3.0), (1e-3, LAST)):
+        ka = np.linspace(max(low, 1e-6), high, 300)[:, None]
+        size = (np.abs(tabulated(ka, angle)) / ka).max(axis=0)
+        ends = (np.full(len(angle), end) for end in (low, high))
+        assert (size <= tabulated_bound(*ends, angle)).all()
+
+
+def test_shipped_table_is_what_the_script_makes() -> None:
+    spec = importlib.util.spec_from_file_location("make_disc_table", SCRIPT)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    ka = tabulated_ka()
+    with np.load(FILE) as data:
+        np.testing.assert_allclose(data["ka"], ka, rtol=1e-14)
+        rows = np.split(data["series"], np.cumsum(data["terms"])[:-1])
+    for index in (0, MARGIN, MARGIN + 1, 100, 300, len(ka) - 1):
+        made = script.series(float(ka[index]))
+        shared = min(len(made), len(rows[index]))  # the cut may fall one term apart
+        assert abs(len(made) - len(rows[index])) <= 1
+        np.testing.assert_allclose(rows[index][:shared], made[:shared], atol=3e-7)
+    assert FILE.stat().st_size < 1e6
+
+
+# --------------------------------------------------------------------------------------- kept tables
+# Tables kept on the disk: the same bytes with and without, whatever happens to a file or beside it.
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = np.arange(12.0).reshape(3, 4) * (1 + 2j)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+class Maker:
+    def __init__(self):
+        self.made = 0
+
+    def __call__(self):
+        self.made += 1
+        return TABLE
+
+
+def test_a_table_is_made_once_and_read_the_same(folder):
+    make = Maker()
+    first, second = (kept_table("t", "1", make) for _ in range(2))
+    assert make.made == 1
+    assert first.tobytes() == second.tobytes()
+    assert (first.dtype, first.shape) == (second.dtype, second.shape)
+    assert [path.name for path in folder.iterdir()] == ["t-1.table"]
+    kept_table("t", "2", make)
+    assert make.made == 2
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "text", "folder"])
+def test_a_damaged_file_is_ignored_and_made_anew(folder, damage):
+    kept_table("t", "1", Maker())
+    path = folder / "t-1.table"
+    data = bytearray(path.read_bytes())
+    if damage == "cut":
+        path.write_bytes(data[:-7])
+    elif damage == "flipped":
+        data[-3] ^= 16
+        path.write_bytes(data)
+    elif damage == "folder":
+        path.unlink()
+        path.mkdir()
+    else:
+        path.write_bytes(b"" if damage == "empty" else b"no table at all")
+    make = Maker()
+    assert np.array_equal(kept_table("t", "1", make), TABLE)
+    assert make.made == 1
+    if damage != "folder":
+        assert np.array_equal(kept_table("t", "1", make), TABLE)
+        assert make.made == 1
+    assert not [one for one in folder.iterdir() if one.name.startswith(".")]
+
+
+def test_a_cache_that_is_off_or_cannot_be_written_to_is_not_used(tmp_path, monkeypatch):
+    make = Maker()
+    monkeypatch.setenv(VARIABLE, "off")
+    assert cache_folder() is None
+    (tmp_path / "file").write_text("")
+    for number in range(2):
+        assert kept_table("t", "1", make) is TABLE
+        assert make.made == number + 1
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "cache"))
+    assert kept_table("t", "1", make) is TABLE
+
+
+def test_it_lies_where_the_system_keeps_such_things(tmp_path, monkeypatch):
+    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.delenv("LOCALAPPDATA", raising=False)
+    for system, place in (
+        ("linux", ".cache/forest-sensing"),
+        ("darwin", "Library/Caches/forest-sensing"),
+        ("win32", "AppData/Local/forest-sensing"),
+    ):
+        monkeypatch.setattr(kept_tables.sys, "platform", system)
+        assert cache_folder() == tmp_path / place
+
+
+@pytest.mark.slow
+def test_discs_are_the_same_to_the_bit_with_and_without_and_by_many_at_once(tmp_path):
+    code = (
+        "import hashlib, numpy as np\n"
+        "from forest_addon.acoustics import disc_table as d\n"
+        "ka, angle = np.linspace(0, 120, 50)[:, None], np.linspace(0, 1.5, 40)\n"
+        "data = d.tabulated(ka, angle).tobytes() + d._splines().tobytes() + d._maxima().tobytes()\n"
+        "print(hashlib.sha256(data).hexdigest())"
+    )
+
+    def process(where):
+        environment = dict(os.environ) | {VARIABLE: where, "PYTHONPATH": str(ROOT)}
+        return subprocess.Popen(
+            [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True
+        )
+
+    cache = str(tmp_path / "cache")
+    processes = [process("off"), *(process(cache) for _ in range(2))]
+    said = {one.communicate()[0] for one in processes}
+    said.add(process(cache).communicate()[0])  # all from the disk
+    assert len(said) == 1
+    assert len(said.pop().strip()) == 64
+    names = sorted(path.name for path in (tmp_path / "cache").iterdir())
+    version = disc_table._version()
+    assert names == [f"disc-maxima-{version}.table", f"disc-splines-{version}.table"]

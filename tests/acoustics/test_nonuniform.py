@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from forest_addon.acoustics.disc import MODELS, backscatter_amplitude
-from forest_addon.acoustics.gridding import ALIASING, NARROWEST, DelayGrid, kernel
 from forest_addon.acoustics.nonuniform import sum_delayed
 
 pytestmark = pytest.mark.usefixtures("computed_by")
 START, SPACING, COUNT, SPEED = 60e3, 50.0, 401, 340.0
-FREQUENCY = START + SPACING * np.arange(COUNT)
 
 
 def direct(amplitude, delay, start=START, spacing=SPACING, count=COUNT):
@@ -182,33 +180,6 @@ def test_same_numbers_give_the_same_bytes() -> None:
         sum_delayed(amplitude, delay, START, SPACING, COUNT, reach=reach) for _ in range(2)
     )
     np.testing.assert_array_equal(first.spectrum, again.spectrum)
-
-
-@pytest.mark.medium
-@pytest.mark.parametrize(("width", "stated"), list(enumerate(ALIASING, NARROWEST)))
-def test_aliasing_of_the_kernel(width: int, stated: float) -> None:
-    """Every delay between two points, every bin: within the stated bound, and no wider than needed."""
-    bins, delays = 64, np.linspace(0, 1 / 128, 65)
-    worst = 0.0
-    for delay in delays:
-        grid = DelayGrid(bins, 1, width)
-        grid.add(np.array([delay]), np.zeros(1), np.ones((1, 1)), np.ones((1, 1)))
-        exact = np.exp(-2j * np.pi * delay * (np.arange(bins) - bins // 2))
-        worst = max(worst, np.abs(grid.spectrum(np.ones((1, bins))) - exact).max())
-    assert worst < stated
-    assert worst > 0.5 * stated
-
-
-def test_kernel_has_the_transform_it_claims() -> None:
-    chosen = kernel(7)
-    offset = (np.arange(2000) + 0.5) / 2000 - 0.5
-    points = (np.arange(7) - 3)[:, None] - offset
-    first, taps = chosen.spread(3 + offset)
-    assert not first.any()
-    frequency = np.array([0.0, 0.1, 0.25])
-    waves = np.exp(-2j * np.pi * frequency[:, None, None] * points)
-    numeric = (waves * taps).sum(axis=1).mean(axis=1)
-    np.testing.assert_allclose(numeric, chosen.transform(frequency), atol=1e-6)
 
 
 @pytest.mark.slow

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from forest_addon.base.rng import stream
+from forest_addon.growth.tree import grow
+from forest_addon.spec import Grammar, Species
+
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.read import depsgraph
@@ -25,7 +28,6 @@ from forest_addon.blender.scene.meshes import from_mesh, to_mesh
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.tree import grow
 from forest_addon.sensing.lidar.cloud import label
 from forest_addon.spec import Rays
 
@@ -559,3 +561,107 @@ def test_a_property_set_by_a_script_counts_in_the_first_run(empty_blender, updat
         place[REFLECTANCE_KEY] = value
         scene = read_scene(depsgraph_now())
         assert scene.reflectance_at(np.zeros(1, int), np.zeros(1, int), 0.9) == [value]
+
+
+# -------------------------------------------------------------------------------------------- meshes
+# Meshes written to Blender: edges that we know are those that Blender would find.
+
+
+@pytest.fixture
+def tree():
+    species = Species(name="plain", grammar=Grammar(generations=4, radius=0.08))
+    return grow(species, None, stream(3, "tree", "plain", 0)).mesh
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_what_is_read_as_it_was_written_is_held_once(empty_blender, tree, changed):
+    from forest_addon.blender.scene.meshes import from_mesh, to_mesh
+
+    data = to_mesh("tree", tree)
+    if changed:
+        for name, value in (("part", 3), ("leaf", 7), ("material_index", 1)):
+            data.attributes[name].data[5].value = value
+    back = from_mesh(data)
+    assert np.shares_memory(back.triangles, tree.triangles)
+    for one, other in ((back.part, tree.part), (back.leaf, tree.leaf)):
+        assert np.shares_memory(one, other) != changed
+    assert back.part[5] == (3 if changed else tree.part[5])
+    assert tree.part[5] != 3
+    with pytest.raises(ValueError, match="read-only"):
+        back.triangles[0] = 0
+
+
+def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):
+    import bpy
+
+    from forest_addon.blender.read.depsgraph import read_scene
+    from forest_addon.blender.scene.meshes import to_mesh
+
+    thing = bpy.data.objects.new("tree", to_mesh("tree", tree))
+    bpy.context.collection.objects.link(thing)
+    plain = read_scene(bpy.context.evaluated_depsgraph_get()).meshes[0]
+    assert np.shares_memory(plain.triangles, tree.triangles)
+    assert np.array_equal(plain.vertices, tree.vertices.astype(np.float32))
+    twice = thing.modifiers.new("twice", "ARRAY")
+    twice.count = 2
+    shown = read_scene(bpy.context.evaluated_depsgraph_get()).meshes[0]
+    assert len(shown.triangles) == 2 * len(tree.triangles)
+    assert np.array_equal(shown.vertices[: len(plain.vertices)], plain.vertices)
+    first, second = shown.leaf.reshape(2, -1)
+    assert np.array_equal(first, tree.leaf)
+    assert not np.intersect1d(
+        first[first >= 0], second
+    ).size  # leaves of the copy have numbers of their own
+
+
+def test_order_and_texture_arrive_in_blender(empty_blender, tree):
+    from forest_addon.blender.scene.meshes import to_mesh
+
+    data = to_mesh("tree", tree)
+    order = np.empty(len(data.polygons), dtype=np.int8)
+    data.attributes["order"].data.foreach_get("value", order)
+    assert np.array_equal(order, tree.order)
+    uv = np.empty(2 * len(data.loops), dtype=np.float32)
+    data.uv_layers["UVMap"].data.foreach_get("uv", uv)
+    assert np.array_equal(uv, tree.uv.ravel())
+
+
+# ---------------------------------------------------------------------------------------- far places
+# Things so far away that Blender's coordinates are coarse: said, with the remedy.
+
+
+def look_at(place, corners=None):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    corners = np.array([[0, -1, 0], [0, 1, 0], [0, 1, 2.0]]) if corners is None else corners
+    mesh = TriMesh.of_part(np.asarray(corners, float), np.array([[0, 1, 2]]), OTHER)
+    thing = bpy.data.objects.new("hut", to_mesh("hut", mesh))
+    thing.location = place
+    bpy.context.scene.collection.objects.link(thing)
+    return Observer(bpy.context.evaluated_depsgraph_get())
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), (1000, -2000, 300), (-8000, 0, 0)])
+def test_nothing_is_said_of_what_stands_near(place):
+    assert look_at(place).warning == ""
+
+
+@pytest.mark.parametrize(
+    ("place", "off"), [((500_000.1, 0, 0), 0.016), ((500_000, 5_400_000.2, 0), 0.25)]
+)
+def test_what_stands_at_map_coordinates_is_said_to_be_off(place, off):
+    seen = look_at(place)
+    moved = np.abs(seen.geometry.transform[0, :, 3] - place).max()
+    assert 0 < moved <= off * 1.01  # what is said bounds what happened
+    assert '"hut"' in seen.warning
+    assert f"off by up to {off:g} m" in seen.warning
+    assert "offset" in seen.warning
+
+
+def test_a_mesh_with_map_coordinates_in_it_is_said_too():
+    corners = np.add([[0, -1, 0], [0, 1, 0], [0, 1, 2.0]], [500_000.0, 5_400_000.0, 0])
+    assert "off by up to 0.25 m" in look_at((0, 0, 0), corners).warning
+
+
+def test_an_empty_scene_has_nothing_to_say():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert Observer(bpy.context.evaluated_depsgraph_get()).warning == ""

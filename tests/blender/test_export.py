@@ -1,23 +1,34 @@
 """The forest as .glb: as it was planned, valid, and small where trees are points."""
 
+from __future__ import annotations
+
+import ast
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from references import gltf
+from references.model_tree import tree
 
 bpy = pytest.importorskip("bpy")
 
+from mathutils import Matrix, Vector
+
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
-from forest_addon.blender.files.export import export_glb, export_usd
+from forest_addon.blender.files.export import empty_file, export_glb, export_usd, open_file
+from forest_addon.blender.files.tree_files import ENDINGS, read_groups
 from forest_addon.blender.scene import nodes
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.layout import TREES, VARIANTS, part
 from forest_addon.formats.glb import EXTENSION, read_glb
 from forest_addon.growth.library import load_species
+from forest_addon.growth.own_tree.pieces import likely_up, sort_out, stood
+from forest_addon.growth.own_tree.recognise import recognise
+from forest_addon.spec import SpecError
 from forest_addon.stand.forest import grow_forest
 
 MESHES = 4  # variants of two species
@@ -220,3 +231,255 @@ def test_other_programs_see_bark_leaves_and_ground_in_colour(empty_blender, inst
     text = (tmp_path / "forest.usda").read_text()
     assert "diffuseColor = (0.8, 0.8, 0.8)" not in text
     assert text.count("diffuseColor = (") == len(seen)
+
+
+# ---------------------------------------------------------------------------------------- tree files
+# Trees in PLY, OBJ and glTF files are read, and the user's file stays as it was.
+
+
+def state() -> dict[str, list[str]]:
+    kinds = [p.identifier for p in bpy.data.bl_rna.properties if p.type == "COLLECTION"]
+    return {kind: sorted(data.name for data in getattr(bpy.data, kind)) for kind in kinds}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A tree whose two objects have materials, written by Blender's exporters."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    model = tree()
+    for name, material, facets in (
+        ("Tree", "bark", model.wood()),
+        ("Crown", "leaf", model.leaves()),
+    ):
+        mesh = bpy.data.meshes.new(name)
+        corners = np.arange(3 * len(facets)).reshape(-1, 3)
+        mesh.from_pydata(facets.reshape(-1, 3).tolist(), [], corners.tolist())
+        mesh.materials.append(bpy.data.materials.new(material))
+        thing = bpy.data.objects.new(name, mesh)
+        thing.location.x = 2.0
+        bpy.context.scene.collection.objects.link(thing)
+    bpy.context.view_layer.update()
+    bpy.ops.wm.obj_export(filepath=str(tmp_path / "tree.obj"))
+    bpy.ops.wm.ply_export(filepath=str(tmp_path / "tree.ply"))
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "tree.glb"))
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "tree.gltf"), export_format="GLTF_SEPARATE")
+    return tmp_path
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("ending", "up", "told"),
+    [
+        ("obj", "y", "by name"),
+        ("ply", "z", "by shape"),
+        ("glb", "y", "by name"),
+        ("gltf", "y", "by name"),
+    ],
+)
+def test_a_tree_is_read_and_nothing_of_it_stays(
+    folder: Path, ending: str, up: str, told: str
+) -> None:
+    bpy.context.scene.collection.objects[0].select_set(True)
+    before, scene = state(), bpy.context.scene
+    selected = [thing.name for thing in bpy.context.selected_objects]
+    groups = read_groups(folder / f"tree.{ending}")
+    assert state() == before
+    assert bpy.context.scene == scene
+    assert [thing.name for thing in bpy.context.selected_objects] == selected
+
+    parts = sort_out(groups)
+    assert parts.said == told
+    assert likely_up(parts.wood) == up
+    model = tree()
+    turned = stood(parts, up)
+    found = recognise(turned.wood, turned.leaves)
+    assert (found.wood.count, found.leaves.count) == (28, 63)
+    daughters = np.bincount(found.parent + 1, minlength=29)
+    np.testing.assert_array_equal(
+        np.sort(daughters), np.sort(np.bincount(np.array(model.parents) + 1, minlength=29))
+    )
+    np.testing.assert_allclose(found.foot[found.trunk], model.foot[0] + [2, 0, 0], atol=5e-3)
+
+
+def test_gltf_that_cannot_be_decompressed_is_said_to_be_so(tmp_path: Path) -> None:
+    """Some builds of Blender come without Draco; a broken stream is the same to all of them."""
+    view = {"bufferView": 0, "attributes": {"POSITION": 0}}
+    scene = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_draco_mesh_compression"],
+        "extensionsRequired": ["KHR_draco_mesh_compression"],
+        "buffers": [{"byteLength": 4, "uri": "data:application/octet-stream;base64,AAAAAA=="}],
+        "bufferViews": [{"buffer": 0, "byteLength": 4}],
+        "accessors": [
+            {"componentType": 5126, "count": 3, "type": "VEC3"},
+            {"componentType": 5125, "count": 3, "type": "SCALAR"},
+        ],
+        "meshes": [
+            {
+                "primitives": [
+                    {
+                        "attributes": {"POSITION": 0},
+                        "indices": 1,
+                        "extensions": {"KHR_draco_mesh_compression": view},
+                    }
+                ]
+            }
+        ],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+    }
+    (tmp_path / "packed.gltf").write_text(json.dumps(scene))
+    before = state()
+    with pytest.raises(SpecError, match=r"Draco.*; export it without") as caught:
+        read_groups(tmp_path / "packed.gltf")
+    assert "\n" not in str(caught.value)
+    assert state() == before
+
+
+@pytest.mark.parametrize("ending", ["obj", "ply", "glb"])
+def test_a_bad_file_is_one_sentence_and_leaves_nothing(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"bad.{ending}").write_bytes(b"nothing here\n" * 5)
+    before = state()
+    with pytest.raises(SpecError, match=f"bad.{ending}") as caught:
+        read_groups(tmp_path / f"bad.{ending}")
+    assert "\n" not in str(caught.value)
+    assert state() == before
+    with pytest.raises(SpecError, match="there is no such file"):
+        read_groups(tmp_path / f"gone.{ending}")
+
+
+def test_compressed_gltf_is_read_or_refused_in_one_sentence(folder: Path) -> None:
+    """Draco: Blender decodes it where its build has the library."""
+    path = folder / "small.glb"
+    bpy.ops.export_scene.gltf(filepath=str(path), export_draco_mesh_compression_enable=True)
+    if b"KHR_draco_mesh_compression" not in path.read_bytes():
+        pytest.skip("this Blender cannot compress")
+    before = state()
+    parts = sort_out(read_groups(path))
+    assert state() == before
+    turned = stood(parts, "y")
+    found = recognise(turned.wood, turned.leaves)
+    assert (found.wood.count, found.leaves.count) == (28, 63)
+
+
+# ------------------------------------------------------------------------------------------- opening
+# Other files in this Blender: preferences and extensions stay, scripts in a file never run.
+
+ROOT = Path(__file__).resolve().parents[2]
+OURS = [p for room in ("forest_addon", "headless") for p in (ROOT / room).rglob("*.py")]
+
+
+def test_an_empty_file_is_empty_and_preferences_stay(empty_blender):
+    undo = bpy.context.preferences.edit.undo_steps
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.context.preferences.edit.undo_steps = 77
+    before = {addon.module for addon in bpy.context.preferences.addons}
+    empty_file()
+    assert len(bpy.data.objects) == len(bpy.data.meshes) == 0
+    assert bpy.context.preferences.edit.undo_steps == 77
+    assert {addon.module for addon in bpy.context.preferences.addons} == before
+    bpy.context.preferences.edit.undo_steps = undo
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_scripts_of_a_file_never_run(empty_blender, tmp_path, monkeypatch, wanted):
+    """Neither with the preference that they may, nor without: a registered text and a driver."""
+    file = tmp_path / "trap.blend"
+    text = bpy.data.texts.new("trap.py")
+    text.write("import sys; sys.trapped = True")
+    text.use_module = True
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    monkeypatch.setattr(bpy.context.preferences.filepaths, "use_scripts_auto_execute", wanted)
+    empty_file()
+    open_file(file)
+    assert "trap.py" in bpy.data.texts
+    assert not hasattr(sys, "trapped")
+
+
+def test_what_is_no_blend_file(tmp_path):
+    (tmp_path / "a.blend").write_text("no")
+    for name in ("a.blend", "gone.blend"):
+        with pytest.raises(
+            SpecError, match=rf"{name}: (cannot be read as a scene|there is no such file)"
+        ):
+            open_file(tmp_path / name)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("ending", [".glb", ".obj", ".ply", ".stl", ".usdc", ".blend"])
+def test_scenes_of_every_format_open_in_metres_and_z_up(empty_blender, tmp_path, ending):
+    """A box of 1 x 2 x 3 m whose foot is at (4, 5, 0); the .blend counts in centimetres."""
+    size = 100.0 if ending == ".blend" else 1.0
+    bpy.ops.mesh.primitive_cube_add(size=size, location=np.array([4.5, 6, 1.5]) * size)
+    bpy.context.object.scale = (1, 2, 3)
+    file = str(tmp_path / f"a{ending}")
+    if ending == ".blend":
+        bpy.context.scene.unit_settings.scale_length = 0.01
+        bpy.ops.wm.save_as_mainfile(filepath=file)
+    elif ending == ".glb":
+        bpy.ops.export_scene.gltf(filepath=file)
+    else:
+        getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=file)
+    empty_file()
+    open_file(Path(file))
+    boxes = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
+    corners = [boxes[0].matrix_world @ Vector(corner) for corner in boxes[0].bound_box]
+    assert np.min(corners, axis=0) == pytest.approx([4, 5, 0], abs=1e-5)
+    assert np.max(corners, axis=0) == pytest.approx([5, 7, 3], abs=1e-5)
+    assert bpy.context.scene.unit_settings.scale_length == 1
+    empty_file()
+
+
+def test_a_mesh_that_counts_more_than_it_holds_never_reaches_blender(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n"
+    )
+    with pytest.raises(SpecError, match="its head counts 16,000,000,000 records or bytes"):
+        open_file(tmp_path / "a.ply")
+    with pytest.raises(SpecError, match=r"must end in one of \.blend, \.glb"):
+        open_file(tmp_path / "a.max")
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("ending", [".glb", ".obj", ".ply", ".stl", ".usdc"])
+@pytest.mark.parametrize("how", ["corners", "place"])
+def test_a_mesh_at_map_coordinates_is_refused_at_both_doors(empty_blender, tmp_path, ending, how):
+    """Blender holds places in single precision, whatever the file has; also trees of a wide forest."""
+    wide = how == "corners" and ending not in (".ply", ".stl")  # these are one mesh
+    far = Vector((432_100, 5_612_300, 120))
+    for aside in (0, 2000 if wide else 30):
+        bpy.ops.mesh.primitive_ico_sphere_add(radius=2, location=(aside, 0, 0))
+        thing = bpy.context.object
+        if how == "corners":
+            thing.data.transform(Matrix.Translation(far))
+        else:
+            thing.location += far
+    file = str(tmp_path / f"a{ending}")
+    if ending == ".glb":
+        bpy.ops.export_scene.gltf(filepath=file)
+    else:
+        getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=file)
+    doors = [open_file, *([read_groups] if ending in ENDINGS and how == "place" else [])]
+    for door in doors:
+        empty_file()
+        with pytest.raises(
+            SpecError, match=rf"a\{ending}: lies at map .* steps of 0\.5: its shape"
+        ):
+            door(Path(file))
+    empty_file()
+
+
+@pytest.mark.slow
+def test_there_is_no_other_way_to_another_file():
+    """Factory settings switch extensions off and remove what they brought; scripts are never let run."""
+    forbidden = ("read_factory_settings", "read_userpref")
+    for path in OURS:
+        text = path.read_text(encoding="utf-8")
+        if not any(name in text for name in (*forbidden, "open_mainfile")):
+            continue  # not even in a comment
+        for call in ast.walk(ast.parse(text)):
+            name = getattr(getattr(call, "func", None), "attr", "")
+            assert name not in forbidden, path
+            if name == "open_mainfile":
+                assert path.name == "export.py", f"{path} opens files by itself"

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,12 +11,25 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
+from forest_addon.base.trimesh import GROUND
 from forest_addon.blender.files.export import save_blend
 from forest_addon.blender.read.depsgraph import SPECIES_KEY, TREE_KEY, read_scene
-from forest_addon.blender.scene import nodes
-from forest_addon.blender.scene.forest import MANY, build
+from forest_addon.blender.scene import assets, nodes
+from forest_addon.blender.scene import forest as forest_scene
+from forest_addon.blender.scene import forest as room
+from forest_addon.blender.scene.forest import MANY, build, shapes_in
 from forest_addon.blender.scene.instances import points_mesh, read_points
-from forest_addon.blender.scene.layout import OUTLINES, TREES, VARIANTS, part
+from forest_addon.blender.scene.layout import (
+    GROUND_NAME,
+    OUTLINES,
+    PARTS,
+    TREES,
+    VARIANTS,
+    is_ours,
+    part,
+    root,
+)
+from forest_addon.blender.scene.placing import fingerprint
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.library import load_species
 from forest_addon.stand.forest import grow_forest
@@ -74,15 +88,6 @@ def test_every_attribute_comes_back_from_the_evaluated_instances(empty_blender):
     expected = turn.transpose(2, 0, 1) * told["scale"][:, None, None]
     assert np.abs(found.transform[:, :, :3] - expected).max() < 3e-6
     assert np.abs(found.transform[:, :, 3] - told["position"]).max() < 1e-5
-
-
-def test_the_scene_reads_the_same_from_points_as_from_instances(empty_blender):
-    thing, told = plant(), columns()
-    scene = read_scene(bpy.context.evaluated_depsgraph_get())
-    found, asked = np.argsort(scene.tree), np.argsort(told["tree"])  # read variant by variant
-    assert (scene.tree[found] == told["tree"][asked]).all()
-    assert (scene.species[found] == told["species"][asked]).all()
-    assert np.allclose(scene.transform[found], placed(thing).transform[asked], atol=1e-6)
 
 
 def test_a_moved_object_takes_its_trees_along(empty_blender):
@@ -346,3 +351,230 @@ def test_the_blend_file_opens_without_the_extension(empty_blender, grown, tmp_pa
     words = [sys.executable, "-c", code, str(tmp_path / "forest.blend")]
     told = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
     assert f"FOUND {len(grown.stand)} {len(grown.variants)} False" in told.stdout, told.stderr
+
+
+# --------------------------------------------------------------------------------------------- ready
+# What is made ahead of a build is what the build would make, and nothing is made of what stands already.
+
+
+def settings(seed):
+    planting = spec.Planting(species="apple-stochastic", variants=2, expected=12, exact=True)
+    field = spec.Forest(size=(20.0, 20.0), instancing="points")
+    return spec.Scene(seed=seed, forest=field, plantings=(planting,))
+
+
+def ready_grown(asked):
+    kind, template = load_species(ASSETS / "species" / "apple-stochastic.toml")
+    young = replace(kind, grammar=replace(kind.grammar, generations=1))
+    return grow_forest(asked, [(young, template)])
+
+
+def ready_library(scene):
+    """Shape, custom properties and picture of every variant, and the corners of its stand-in."""
+    found = []
+    for thing in part(scene, VARIANTS).objects:
+        data, picture = thing.data, np.empty(4 * assets.PIXELS**2, np.float32)
+        thing.preview.image_pixels_float.foreach_get(picture)
+        said = {key: value for key, value in data.items() if key.endswith(("_m", "_m2", "_m3"))}
+        found.append((data["forest_shape"], said, picture.tobytes()))
+    corners = [[tuple(v.co) for v in t.data.vertices] for t in part(scene, OUTLINES).objects]
+    return found, corners
+
+
+@pytest.mark.slow
+def test_a_build_of_what_was_made_ahead_is_the_same(monkeypatch):
+    monkeypatch.setattr(assets, "DOTS", 2000)
+    asked, heard = settings(3), []
+    forest = ready_grown(asked)
+    plain, other = bpy.data.scenes.new("plain"), bpy.data.scenes.new("other")
+    build(plain, asked, forest)
+    made = forest_scene.make_ready(
+        forest, (), True, lambda done, total: heard.append((done, total))
+    )
+    assert heard == [(0, 2), (1, 2)]
+    again = []  # fingerprints are taken of the ground alone
+    monkeypatch.setattr(forest_scene, "stand_in", lambda *_: pytest.fail("made twice"))
+    monkeypatch.setattr(
+        forest_scene, "fingerprint", lambda mesh: again.append(mesh) or fingerprint(mesh)
+    )
+    build(other, asked, forest, ready=made)
+    assert [set(mesh.part) for mesh in again] == [{GROUND}]
+    assert ready_library(other) == ready_library(plain)
+    monkeypatch.undo()
+    anew = ready_grown(settings(4))
+    assert not forest_scene.make_ready(anew, shapes_in(plain), False, lambda *_: None).stand_ins
+
+
+@pytest.mark.slow
+def test_measures_and_pictures_can_follow_once_the_forest_stands(monkeypatch):
+    """As a window does it: nothing of the forest before is told of the new one meanwhile."""
+    monkeypatch.setattr(assets, "DOTS", 2000)
+    asked, other = settings(3), settings(4)
+    forest, anew = ready_grown(asked), ready_grown(other)
+    at_once, later = bpy.data.scenes.new("at once"), bpy.data.scenes.new("later")
+    build(at_once, other, anew)
+    build(later, asked, forest)
+    assert assets.untold(later, forest) == []
+    build(later, other, anew, as_assets=False)
+    wanted = assets.untold(later, anew)
+    assert set(wanted) == set(anew.variants)
+    assert not any("height_m" in thing.data for thing in part(later, VARIANTS).objects)
+    first, second = part(later, VARIANTS).objects
+    second.asset_clear()
+    assets.tell_variants(later, anew, forest_scene.tell_of(anew, wanted[:1]))  # cancelled half way
+    assert assets.untold(later, anew) == wanted[1:]
+    assets.tell_variants(later, anew, forest_scene.tell_of(anew, wanted[1:]))
+    assert assets.untold(later, anew) == []
+    assert second.asset_data is None  # the user's choice
+    second.asset_mark()
+    told = forest_scene.tell_of(anew, wanted)[wanted[1]]
+    assets.mark_asset(second, told.description, ("tree", anew.labels[0]), told.picture)
+    assert ready_library(later) == ready_library(at_once)
+    assert first.data["height_m"] == pytest.approx(anew.variants[wanted[0]].height)
+
+
+# ---------------------------------------------------------------------------------------------- ours
+# Building again removes what we made and nothing else; a build that fails leaves everything.
+
+KINDS = ("objects", "meshes", "materials", "collections", "node_groups")
+
+
+def ours_settings(instancing):
+    return spec.Scene(
+        seed=2,
+        forest=spec.Forest(size=(9.0, 9.0), margin=5.0, instancing=instancing),
+        plantings=(spec.Planting(species="apple", variants=2, expected=3, exact=True),),
+        sensors=(spec.Sonar(),),
+    )
+
+
+@pytest.fixture(scope="module")
+def ours_grown():
+    species = load_species(ASSETS / "species" / "apple.toml")
+    return grow_forest(ours_settings("points"), [species])
+
+
+def ours_plant(grown, instancing="points"):
+    return build(bpy.context.scene, ours_settings(instancing), grown)
+
+
+def counts():
+    return {kind: len(getattr(bpy.data, kind)) for kind in KINDS}
+
+
+def rock(home, name="rock"):
+    thing = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+    home.objects.link(thing)
+    return thing
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("instancing", ["points", "objects"])
+def test_building_again_piles_nothing_up_and_keeps_names(empty_blender, ours_grown, instancing):
+    ours_plant(ours_grown, instancing)
+    before = counts(), sorted(thing.name for thing in bpy.data.objects)
+    names = sorted(home.name for home in bpy.data.collections)
+    ours_plant(ours_grown, instancing)
+    assert (counts(), sorted(thing.name for thing in bpy.data.objects)) == before
+    assert sorted(home.name for home in bpy.data.collections) == names
+    assert all(is_ours(thing) for thing in bpy.data.objects)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PARTS)
+def test_what_others_put_into_our_collections_stays_there(empty_blender, ours_grown, name):
+    ours_plant(ours_grown)
+    mine = rock(part(bpy.context.scene, name))
+    for _ in range(2):
+        ours_plant(ours_grown)
+        assert mine.name == "rock"
+        assert mine.name in part(bpy.context.scene, name).objects
+        assert [home.name for home in mine.users_collection] == [name]
+
+
+def test_what_stands_beside_the_parts_or_in_a_species_stays(empty_blender, ours_grown):
+    top = ours_plant(ours_grown, "objects")
+    beside, among = rock(top), rock(part(bpy.context.scene, TREES).children[0], "bush")
+    own = bpy.data.collections.new("Huts")
+    part(bpy.context.scene, GROUND_NAME).children.link(own)
+    hut = rock(own, "hut")
+    ours_plant(ours_grown)
+    assert beside.name in root(bpy.context.scene).objects
+    assert among.name in part(bpy.context.scene, TREES).objects
+    assert own.name in part(bpy.context.scene, GROUND_NAME).children
+    assert hut.name in own.objects
+
+
+def test_copies_belong_to_the_user_and_a_renamed_tree_is_still_the_tree(empty_blender, ours_grown):
+    ours_plant(ours_grown, "objects")
+    first, second = list(part(bpy.context.scene, TREES).all_objects)[:2]
+    count = len(ours_grown.stand)
+    copy = first.copy()
+    first.users_collection[0].objects.link(copy)
+    second.name = "the old oak"
+    mesh = second.data
+    ours_plant(ours_grown, "objects")
+    kept = part(bpy.context.scene, TREES).all_objects
+    assert {copy.name, "the old oak"} <= set(kept.keys())
+    assert kept["the old oak"].data == mesh
+    assert len(mesh.polygons)
+    assert len(kept) == count + 1  # none stands where the renamed one does
+
+
+def test_a_tree_that_is_needed_no_more_stays_in_a_collection_of_the_users(
+    empty_blender, ours_grown
+):
+    ours_plant(ours_grown, "objects")
+    own = bpy.data.collections.new("Chosen")
+    bpy.context.scene.collection.children.link(own)
+    chosen = next(iter(part(bpy.context.scene, TREES).all_objects))
+    own.objects.link(chosen)
+    ours_plant(ours_grown, "points")
+    assert list(own.objects) == [chosen]
+    assert list(chosen.users_collection) == [own]
+
+
+def test_a_tree_that_cannot_stand_leaves_the_scene_as_it_was(
+    empty_blender, ours_grown, monkeypatch
+):
+    rock(bpy.context.scene.collection)
+    before = counts()
+    spoilt = {**vars(ours_grown), "stand": type(ours_grown.stand)(**vars(ours_grown.stand))}
+    spoilt["stand"].scale[:] *= -1
+    try:
+        with pytest.raises(ValueError, match="size factor"):
+            ours_plant(type(ours_grown)(**spoilt))
+    finally:
+        spoilt["stand"].scale[:] *= -1
+    assert counts() == before
+    ours_plant(ours_grown)
+    before, names = counts(), set(bpy.data.objects.keys())
+
+    def full(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(room, "ground_mesh", full)
+    with pytest.raises(MemoryError):
+        ours_plant(ours_grown)
+    assert (counts(), set(bpy.data.objects.keys())) == (before, names)
+
+
+@pytest.mark.medium
+def test_another_forest_of_the_same_file_is_left_alone(empty_blender, ours_grown):
+    ours_plant(ours_grown)
+    other = bpy.data.scenes.new("other")
+    build(other, ours_settings("points"), ours_grown)
+    trees = part(bpy.context.scene, TREES).objects[0]
+    build(other, ours_settings("points"), ours_grown)
+    assert trees.name in part(bpy.context.scene, TREES).objects
+    assert len(part(other, TREES).objects) == 1
+    assert len(bpy.data.node_groups) == 1
+    assert len(part(other, VARIANTS).objects) == len(ours_grown.variants)
+    assert np.isfinite(trees.dimensions).all()
+
+
+def test_meshes_keep_the_number_of_their_variant(empty_blender, ours_grown):
+    for _ in range(3):
+        ours_plant(ours_grown)
+        for thing in part(bpy.context.scene, VARIANTS).objects:
+            assert thing.name.split(" ", 1)[1] == thing.data.name

@@ -338,3 +338,356 @@ def test_the_audit_follows_a_call_in_pieces(scene):
     assert 1 < result.found.moments <= 9
     assert "path by path" in str(result.audit)
     assert result.audit.kept
+
+
+# ------------------------------------------------------------------------------------------- bending
+# Scans of what changes its shape, comes and goes: closed forms through Blender.
+
+TILT = 0.4  # m a metre and second
+SECONDS = 4
+LAST = 1 + 24 * SECONDS
+ENGINES = ("embree", "bvhtree")
+
+
+def scan(engine="auto", **changes):
+    return forest.current(forest.Scene(rays=forest.Rays(engine=engine))).scan(
+        FAN.changed(**changes)
+    )
+
+
+def on_plate(result):
+    names = np.array(forest.current().objects)
+    return names[result.found.returns.instance] == "plate"
+
+
+def tilted():
+    """The plate's shape key by which x = FAR + TILT t y; its local z is the world's x, its y the world's."""
+    plate = bpy.data.objects["plate"]
+    plate.shape_key_add(name="Basis")
+    key = plate.shape_key_add(name="tilted")
+    for point in key.data:
+        point.co.z += TILT * SECONDS * point.co.y
+    key.value = 0.0
+    keyed_key(key)
+
+
+def keyed_key(key):
+    for frame, value in ((1, 0.0), (LAST, 1.0)):
+        key.value = value
+        key.keyframe_insert("value", frame=frame)
+    curves = curves_of(key.id_data)
+    for point in curves[0].keyframe_points:
+        point.interpolation = "LINEAR"
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_plate_that_a_shape_key_tilts_is_met_as_it_is(scene, engine):
+    tilted()
+    scene.frame_set(1)
+    result = scan(engine)
+    cloud, way, mine = result.found, ways(result.found), on_plate(result)
+    expected = FAR / (way[:, 0] - TILT * cloud.time * way[:, 1])
+    y = expected * way[:, 1]
+    sure = (np.abs(np.abs(y) - 1) > 0.01) & (np.abs(np.abs(expected * way[:, 2]) - 1) > 0.01)
+    inside = (np.abs(y) < 1) & (np.abs(expected * way[:, 2]) < 1)
+    assert np.array_equal(mine[sure], inside[sure])
+    assert mine.sum() > 300
+    assert np.abs(cloud.true_range - expected)[mine & sure].max() < 2e-6  # single precision of keys
+    tilt = TILT * cloud.time[mine]
+    normal = np.column_stack([np.ones(len(tilt)), -tilt, 0 * tilt]) / np.hypot(1, tilt)[:, None]
+    along = np.abs((cloud.returns.normal[mine] * normal).sum(axis=1))
+    assert np.allclose(along, 1, atol=1e-6)
+    speed = np.column_stack([TILT * y, 0 * y, 0 * y])[mine]
+    assert np.allclose(result.motion["velocity"][mine], speed, rtol=1e-4, atol=1e-5)
+    rest = np.column_stack([np.full(len(y), FAR), y, expected * way[:, 2]])[mine]
+    assert np.allclose(result.motion["rest"][mine], rest, atol=1e-4)
+    assert result.audit.kept
+    assert result.audit.checked > 20
+    assert not any("off between frames" in words for words in result.warnings)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_plate_that_a_bone_turns_is_met_as_it_turns(scene, engine):
+    """Points go on circles, straight between samples: within a tenth of a millimetre."""
+    plate = bpy.data.objects["plate"]
+    plate.rotation_euler = (0, math.pi / 2, 0)
+    bpy.ops.object.armature_add(location=(FAR, 0, 0))
+    frame = bpy.context.object
+    group = plate.vertex_groups.new(name="Bone")
+    group.add(list(range(4)), 1.0, "REPLACE")
+    plate.modifiers.new("Armature", "ARMATURE").object = frame
+    bone = frame.pose.bones["Bone"]
+    bone.rotation_mode = "XYZ"  # the bone's own Y is the world's Z
+    for at, turn in ((1, 0.0), (LAST, RATE * SECONDS)):
+        bone.rotation_euler = (0, turn, 0)
+        bone.keyframe_insert("rotation_euler", frame=at)
+    curves = curves_of(frame)
+    for curve in curves:
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+    scene.frame_set(1)
+    result = scan(engine)
+    cloud, way, mine = result.found, ways(result.found), on_plate(result)
+    turn = RATE * cloud.time
+    normal = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    expected = FAR * normal[:, 0] / (way * normal).sum(axis=1)
+    assert mine.sum() > 100
+    off = np.abs(cloud.true_range - expected)[mine]
+    assert 1e-7 < off.max() < 3e-4  # along the ray, not across the plate
+    arm = cloud.position[mine] - (FAR, 0, 0)
+    spin = np.cross((0, 0, RATE), arm)
+    assert np.allclose(result.motion["velocity"][mine], spin, rtol=0.02, atol=0.02)
+    assert result.audit.kept
+
+
+@pytest.mark.slow
+def test_engines_meet_the_same_where_a_net_waves(scene):
+    """A modifier that depends on time, on a body that flies and turns meanwhile."""
+    bpy.data.objects.remove(bpy.data.objects["plate"])
+    bpy.ops.mesh.primitive_grid_add(
+        x_subdivisions=16, y_subdivisions=16, size=4, location=(FAR, 0, 0)
+    )
+    net = bpy.context.object
+    net.rotation_euler = (0.2, math.pi / 2, 0)
+    wave = net.modifiers.new("Wave", "WAVE")
+    wave.height, wave.width, wave.narrowness, wave.speed = 0.3, 0.8, 1.5, 0.2
+    keyed(net, "location", [(FAR, 0, 0), (FAR - 3, 1, 0.5)], (1, LAST))
+    keyed(net, "rotation_euler", [(0.2, math.pi / 2, 0), (0.7, 1.2, 1)], (1, LAST))
+    scene.frame_set(1)
+    one, other = (scan(engine) for engine in ENGINES)
+    assert np.linalg.norm(one.motion["velocity"], axis=1).max() > 0.5
+    apart = np.abs(one.found.true_range - other.found.true_range)
+    assert (apart > 1e-9).mean() < 0.002  # rays at edges
+    assert one.audit.kept
+    assert other.audit.kept
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_vanishes_and_comes_back_is_met_while_it_is_there(scene, engine):
+    plate = bpy.data.objects["plate"]
+    plate.scale = (8, 8, 8)
+    hide(plate, {1: False, 13: True, 25: False})
+    scene.frame_set(1)
+    result = scan(engine)
+    time = result.found.time
+    there = (time < 0.5) | (time >= 1.0)
+    assert np.array_equal(on_plate(result), there)
+    assert not result.motion["velocity"].any()
+    assert result.audit.kept
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("engine", ENGINES)
+def test_other_triangles_are_met_from_their_frame_on(scene, engine):
+    """An array modifier that makes two plates of one at frame 21, the second at half the distance."""
+    plate = bpy.data.objects["plate"]
+    array = plate.modifiers.new("Array", "ARRAY")
+    array.use_relative_offset, array.use_constant_offset = False, True
+    array.constant_offset_displace = (0, 0, -FAR / 2)  # the plate's z is the world's x
+    for frame, count in ((1, 1), (21, 2)):
+        array.count = count
+        array.keyframe_insert("count", frame=frame)
+    curves = curves_of(plate)
+    for point in curves[0].keyframe_points:
+        point.interpolation = "CONSTANT"
+    scene.frame_set(1)
+    result = scan(engine)
+    cloud, way = result.found, ways(result.found)
+    begins = 20 / 24
+    place = np.where(cloud.time < begins, FAR, FAR / 2)
+    at = place[:, None] / way[:, :1] * way
+    sure = (np.abs(np.abs(at[:, 1:]) - 1) > 0.02).all(axis=1)
+    far = FAR / way[:, :1] * way
+    behind = (np.abs(far[:, 1:]) < 1.02).all(axis=1)
+    inside = (np.abs(at[:, 1:]) < 1).all(axis=1)
+    assert np.array_equal(on_plate(result)[sure & ~behind], inside[sure & ~behind])
+    met = sure & inside
+    assert met[cloud.time > begins].sum() > 100
+    assert met[cloud.time < begins].sum() > 50
+    assert np.abs(cloud.true_range - place / way[:, 0])[met].max() < 1e-5
+    later = met & (cloud.time > begins)
+    assert np.isnan(result.motion["rest"][later]).all()
+    assert "blur" not in str(result.summary()) or "nan" not in str(result.summary())
+    assert result.audit.kept
+
+
+def test_what_waves_and_stands_at_rest_is_a_still_scene(scene):
+    """A key that is there and never used: evaluated anew at every frame, and always the same."""
+    tilted()
+    key = bpy.data.objects["plate"].data.shape_keys
+    key.animation_data_clear()
+    key.key_blocks[1].value = 0.0
+    scene.frame_set(1)
+    still, moving = (forest.current().scan(FAN.changed(motion=m)) for m in (False, True))
+    assert np.array_equal(still.points, moving.points)
+    assert not moving.motion["velocity"].any()
+
+
+def test_the_report_says_how_far_the_tops_of_trees_are_off_their_rest():
+    from forest_addon.results.scanner import _of_tops
+
+    tree, height = np.array([-1, 3, 3, 5, 5]), np.array([9.0, 1, 2, 4, 5])
+    (figure,) = _of_tops(tree, height, np.array([9.0, 1, 0.02, 0.3, 0.04]))
+    assert figure.text == "3 cm (median of 2 trees), at most 4 cm"
+    assert _of_tops(tree[:1], height[:1], np.ones(1)) == []
+
+
+# ------------------------------------------------------------------------------------------ animated
+# Scans of animated scenes against every triangle as Blender evaluates it at the pulse's own frame.
+
+FEW = FAN.changed(angle_step_deg=2.0, pulse_rate=250.0)  # 231 pulses, 0.92 s, 22 frames
+ANIMATED_ENGINES = ["embree", "bvhtree"]
+
+
+def animated_scan(engine, sensor=FEW):
+    return forest.current(forest.Scene(rays=forest.Rays(engine=engine))).scan(sensor)
+
+
+def at_frame(frame, way):
+    """Metres from (0, 0, 0) along a way to the nearest triangle at a frame (Möller & Trumbore)."""
+    bpy.context.scene.frame_set(math.floor(frame), subframe=frame - math.floor(frame))
+    nearest = math.inf
+    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
+        mesh = instance.object.data
+        if instance.object.type != "MESH" or not instance.show_self or not len(mesh.polygons):
+            continue
+        mesh.calc_loop_triangles()
+        corner = np.array([v.co for v in mesh.vertices], dtype=float)
+        place = np.array(instance.matrix_world, dtype=float)
+        corner = corner @ place[:3, :3].T + place[:3, 3]
+        a, b, c = corner[[t.vertices[:] for t in mesh.loop_triangles]].swapaxes(0, 1)
+        across = np.cross(way, c - a)
+        size = ((b - a) * across).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = (-a * across).sum(axis=1) / size
+            up = np.cross(-a, b - a)
+            v, far = up @ way / size, ((c - a) * up).sum(axis=1) / size
+            met = (u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0.1)
+        nearest = min(nearest, far[met].min(initial=math.inf))
+    return nearest
+
+
+def off(cloud, most=30):
+    """(N,) metres by which some points of a cloud, most of them nearer than the wall, are off."""
+    place = bpy.context.scene
+    now = place.frame_current, place.frame_subframe
+    near = np.flatnonzero(cloud.true_range < 30)
+    rows = np.concatenate([near[:: max(1, len(near) // most)], np.arange(0, len(cloud), 40)])
+    frames = place.frame_start + cloud.time * place.render.fps / place.render.fps_base
+    way = ways(cloud)
+    found = [at_frame(frames[row], way[row]) - cloud.true_range[row] for row in rows]
+    place.frame_set(now[0], subframe=now[1])
+    assert len(near) > 10
+    return np.abs(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ANIMATED_ENGINES)
+def test_particles_that_are_born_meanwhile_have_their_own_shape(scene, engine):
+    """Spheres before their emitter: those born after the present frame are spheres, too."""
+    bpy.data.objects.remove(bpy.data.objects["plate"])
+    bpy.ops.mesh.primitive_grid_add(
+        x_subdivisions=6,
+        y_subdivisions=6,
+        size=4,
+        location=(FAR, 0, 0),
+        rotation=(0, math.pi / 2, 0),
+    )
+    emitter = bpy.context.object
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=4, radius=0.5, location=(0, 0, -50))
+    emitter.modifiers.new("Particles", "PARTICLE_SYSTEM")
+    settings = emitter.particle_systems[0].settings
+    settings.count, settings.frame_start, settings.frame_end = 12, 1, 20
+    settings.render_type, settings.particle_size = "OBJECT", 1.0
+    settings.instance_object = bpy.context.object
+    settings.normal_factor = -3.0
+    scene.frame_set(1)
+    result = animated_scan(engine)
+    assert np.quantile(off(result.found), 0.9) < 1e-4
+    assert any('"Grid" has more or fewer parts' in words for words in result.warnings)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("engine", ANIMATED_ENGINES)
+def test_what_jumps_is_met_at_one_place_or_the_other(scene, engine):
+    """Constant keys: nothing is met between the places, in no sixteenth of a frame."""
+    plate = bpy.data.objects["plate"]
+    plate.scale = (30, 30, 30)
+    for frame, place in ((1, FAR), (8, FAR - 4), (15, FAR + 2)):
+        plate.location.x = place
+        plate.keyframe_insert("location", frame=frame)
+    curves = curves_of(plate)
+    for curve in curves:
+        for point in curve.keyframe_points:
+            point.interpolation = "CONSTANT"
+    scene.frame_set(1)
+    rate = 24 * 16 * 8.0  # eight pulses in a sixteenth of a frame
+    dense = FAN.changed(angle_step_deg=0.5, pulse_rate=rate)
+    result = animated_scan(engine, dense)
+    cloud = result.found
+    frame = 1 + cloud.time * 24
+    place = np.select([frame < 8, frame < 15], [FAR, FAR - 4], FAR + 2)
+    assert frame.max() > 16
+    assert np.abs(cloud.true_range * ways(cloud)[:, 0] - place).max() < 1e-6
+    assert not result.motion["velocity"].any()
+    assert not any("off between frames" in words for words in result.warnings)
+
+
+@pytest.mark.medium
+def test_mapped_time_is_that_of_the_scene_and_the_frame_stays(scene):
+    scene.render.frame_map_old, scene.render.frame_map_new = 100, 150
+    scene.render.fps, scene.render.fps_base = 30, 1.001
+    plate = bpy.data.objects["plate"]
+    plate.scale = (3, 3, 3)
+    keyed(plate, "location", [(FAR, 0, 0), (FAR - 6, 0, 0)], (1, 31))
+    scene.frame_set(7, subframe=0.25)
+    result = animated_scan("embree")
+    assert (scene.frame_current, scene.frame_subframe) == (7, 0.25)
+    assert off(result.found).max() < 1e-5
+    bat = bpy.data.objects.new("bat", None)
+    bpy.context.collection.objects.link(bat)
+    forest.current().scan(forest.Mobile(follow="bat", pulse_rate=100.0, motion=True))
+    assert (scene.frame_current, scene.frame_subframe) == (7, 0.25)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ANIMATED_ENGINES)
+def test_triangles_that_are_others_at_all_times_are_read_between_frames(scene, engine):
+    """A block out of which a ball cuts a groove as it passes: 1/16 frame behind at most, and that is said."""
+    bpy.data.objects.remove(bpy.data.objects["plate"])
+    bpy.ops.mesh.primitive_cube_add(size=3, location=(FAR, 0, 0))
+    block = bpy.context.object
+    block.name = "block"
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=16, ring_count=8, radius=1.2)
+    ball = bpy.context.object
+    keyed(ball, "location", [(FAR - 1.5, -2, 0), (FAR - 1.5, 2, 0)], (1, 12))
+    ball.hide_viewport = True
+    cut = block.modifiers.new("Boolean", "BOOLEAN")
+    cut.object, cut.operation = ball, "DIFFERENCE"
+    scene.frame_set(1)
+    result = animated_scan(engine, FEW.changed(pulse_rate=1000.0))  # 6 frames
+    assert np.quantile(off(result.found), 0.9) < 4 / 11 / 16  # what the ball goes in a sixteenth
+    assert any(
+        '"block" is made of other triangles' in words and "2.6 ms" in words
+        for words in result.warnings
+    )
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("turns", [1.0, 2.0, 2.03, 4.17])
+def test_a_rotor_is_met_as_it_turns(scene, turns):
+    """Whole turns a frame: at each frame it stands where it stood. More: at each half it is where a slow one
+    would be, that turns the other way or less."""
+    plate = bpy.data.objects["plate"]
+    plate.scale, plate.rotation_euler = (1, 2, 1), (0, math.pi / 2, 0)
+    keyed(plate, "delta_rotation_euler", [(0, 0, 0), (0, 0, 2 * math.pi * turns * 100)], (1, 101))
+    scene.frame_set(1)
+    result = animated_scan("embree", FAN.changed(angle_step_deg=2.0, pulse_rate=2000.0))
+    mine = np.array([forest.current().objects[k] == "plate" for k in result.found.returns.instance])
+    speed = np.linalg.norm(result.motion["velocity"][mine], axis=1)
+    arm = result.found.position[mine] - (FAR, 0, 0)
+    rate = 2 * math.pi * turns * 24
+    assert off(result.found).max() < 1e-3
+    assert np.allclose(speed, rate * np.hypot(arm[:, 0], arm[:, 1]), rtol=0.02)

@@ -1,5 +1,6 @@
 """Every sensor looks at the evaluated scene: a moved tree or a modifier changes what it finds."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,14 +8,17 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.animation import curves_of
+
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
-from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene.forest import build
-from forest_addon.blender.scene.layout import ROOT, TREES, part, root
+from forest_addon.blender.scene.layout import TREES, part
+from forest_addon.blender.sensors.moving import curve_points
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.library import load_species
 from forest_addon.sensing.sonar.ping import leaf_discs
+from forest_addon.spec import Mobile, Scene, Sonar, SpecError
 from forest_addon.stand.forest import grow_forest, leaf_table
 
 SCENE = spec.Scene(
@@ -124,26 +128,6 @@ def test_truth_and_evaluated_leaves_agree(trees, grown):
     assert np.abs(np.abs(cosine) - 1).max() < 1e-4
 
 
-def test_building_again_replaces_the_forest_and_leaves_nothing_behind(trees, grown):
-    def counts():
-        kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.collections)
-        return [len(kind) for kind in kinds]
-
-    before = counts()
-    keep = bpy.data.collections.new("Forest of my own")
-    bpy.context.scene.collection.children.link(keep)
-    for _ in range(2):
-        build(bpy.context.scene, SCENE, grown)
-    after = counts()
-    assert after == [*before[:3], before[3] + 1]
-    assert root(bpy.context.scene).name == ROOT
-    assert keep.name == "Forest of my own"
-
-
-def test_objects_say_which_tree_they_are(trees, grown):
-    assert sorted(tree[TREE_KEY] for tree in trees) == grown.stand.id.tolist()
-
-
 @pytest.mark.medium
 def test_speakers_empties_and_cameras_are_ends_where_they_are(trees):
     """Also one that follows another object; each channel as if its places were typed."""
@@ -192,3 +176,195 @@ def test_a_measured_directivity_is_found_beside_the_scene_file(trees, tmp_path):
     reverb = replace(SCENE.sensors[3], directivity="measured", directivity_file="mute.csv")
     observer = Observer(bpy.context.evaluated_depsgraph_get())
     assert not observer.observe(reverb, SCENE, folder=tmp_path).samples.any()
+
+
+# ----------------------------------------------------------------------------------------- following
+# Sensors that follow something in Blender: curves, keyframes, parents.
+
+
+def curve(points, name="Way", closed=False):
+    data = bpy.data.curves.new(name, "CURVE")
+    data.dimensions = "3D"
+    spline = data.splines.new("POLY")
+    spline.points.add(len(points) - 1)
+    spline.points.foreach_set("co", [x for p in points for x in (*p, 1.0)])
+    spline.use_cyclic_u = closed
+    thing = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def test_a_curve_is_followed_in_the_world(empty_blender):
+    way = curve([(0, 0, 0), (3, 0, 0), (3, 4, 0)])
+    way.location = (10, 0, 5)
+    way.data.bevel_depth = 0.3  # a tube for the eye, not for the scanner
+    bpy.context.view_layer.update()
+    path = Observer.way(Mobile(follow="Way", speed=2.0))
+    assert path.duration == pytest.approx(3.5)
+    where, attitude = path.at(np.array([0.0, 1.5, 3.5]))
+    assert where == pytest.approx(np.array([[10, 0, 5], [13, 0, 5], [13, 4, 5]]), abs=1e-6)
+    assert attitude.apply([1, 0, 0])[2] == pytest.approx([0, 1, 0], abs=1e-6)
+
+
+def test_a_closed_curve_comes_back(empty_blender):
+    curve([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], closed=True)
+    points = curve_points(bpy.data.objects["Way"])
+    assert points[0] == pytest.approx(points[-1])
+    assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(4)
+    assert len(bpy.data.curves) == 1  # the probe is gone
+    assert len(bpy.data.objects) == 1
+
+
+def test_a_bezier_circle_has_its_length(empty_blender):
+    bpy.ops.curve.primitive_bezier_circle_add(radius=5)
+    bpy.context.object.data.resolution_u = 64
+    points = curve_points(bpy.context.object)
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    assert length == pytest.approx(2 * np.pi * 5, rel=1e-3)
+
+
+def test_an_object_is_followed_frame_by_frame_also_through_its_parent(empty_blender):
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end, scene.render.fps = 1, 26, 25
+    scene.frame_set(7)
+    carrier, head = (bpy.data.objects.new(n, None) for n in ("carrier", "head"))
+    for thing in (carrier, head):
+        scene.collection.objects.link(thing)
+    head.parent = carrier
+    head.location, head.scale = (0, 0, 2), (3, 3, 3)
+    for frame, x in ((1, 0.0), (26, 10.0)):
+        carrier.location = (x, 0, 0)
+        carrier.rotation_euler = (0, 0, np.pi / 2)
+        carrier.keyframe_insert("location", frame=frame)
+        carrier.keyframe_insert("rotation_euler", frame=frame)
+    path = Observer.way(Mobile(follow="head"))
+    assert path.duration == pytest.approx(1.0)
+    where, attitude = path.at(np.array([0.0, 1.0]))
+    assert where == pytest.approx(np.array([[0, 0, 2], [10, 0, 2]]), abs=1e-5)
+    assert attitude.apply([1, 0, 0])[0] == pytest.approx([0, 1, 0], abs=1e-6)
+    assert scene.frame_current == 7
+
+
+def test_a_scan_along_a_curve_sees_the_wall_beside_it(empty_blender):
+    curve([(0, 0, 1), (4, 0, 1)])
+    bpy.ops.mesh.primitive_plane_add(size=100, location=(0, 6, 0), rotation=(np.pi / 2, 0, 0))
+    scanner = Mobile(
+        follow="Way", speed=1.0, pulse_rate=500.0, line_rate=5.0, field_deg=(-180.0, 180.0)
+    )
+    observer = Observer(bpy.context.evaluated_depsgraph_get())
+    cloud = observer.observe(scanner, Scene())
+    assert cloud.pulses == 2000
+    assert 800 < len(cloud) < 1000  # half of each turn, but for what passes above and below
+    assert cloud.position[:, 1] == pytest.approx(6, abs=1e-5)
+    assert cloud.position[:, 0] == pytest.approx(cloud.time, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda: None, 'there is no object "Way"'),
+        (lambda: curve([(1, 1, 1), (1, 1, 1)]), "has no length"),
+    ],
+)
+def test_nowhere_to_go(empty_blender, spoil, words):
+    spoil()
+    with pytest.raises(SpecError, match=words):
+        Observer.way(Mobile(follow="Way"))
+
+
+def test_an_object_without_size_has_no_direction(empty_blender):
+    thing = bpy.data.objects.new("Way", None)
+    thing.scale = (0, 1, 1)
+    bpy.context.scene.collection.objects.link(thing)
+    with pytest.raises(SpecError, match="scale of zero"):
+        Observer.way(Mobile(follow="Way"))
+
+
+@pytest.fixture
+def bat(empty_blender):
+    """An empty that flies 4 m along Y in frames 1 to 25, turning by 90°; 24 frames a second."""
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end, scene.render.fps = 1, 25, 24
+    thing = bpy.data.objects.new("Bat", None)
+    scene.collection.objects.link(thing)
+    for frame, y, turn in ((1, 0.0, 0.0), (25, 4.0, math.pi / 2)):
+        thing.location, thing.rotation_euler = (1, y, 2), (0, 0, turn)
+        thing.keyframe_insert("location", frame=frame)
+        thing.keyframe_insert("rotation_euler", frame=frame)
+    for curve in curves_of(thing):
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+        curve.extrapolation = "LINEAR"
+    return thing
+
+
+def test_an_animated_object_over_the_frames(bat):
+    bpy.context.scene.frame_set(7)
+    poses = Observer.way(Sonar(follow="Bat", poses=5))
+    np.testing.assert_allclose(poses.position, [[1, y, 2] for y in range(5)], atol=1e-5)
+    for number, (frame, velocity) in enumerate(zip(poses.frames, poses.velocity, strict=True)):
+        angle = math.radians(22.5 * number)
+        np.testing.assert_allclose(frame[0], [math.cos(angle), math.sin(angle), 0], atol=1e-6)
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-6)
+        np.testing.assert_allclose(velocity, [0, 4, 0], atol=1e-3)  # 4 m in 24 frames
+    assert bpy.context.scene.frame_current == 7
+
+
+def test_a_child_moves_with_its_parent(bat):
+    child = bpy.data.objects.new("Nose", None)
+    bpy.context.scene.collection.objects.link(child)
+    child.parent, child.location = bat, (0.5, 0, 0)
+    poses = Observer.way(Sonar(follow="Nose", poses=2))
+    np.testing.assert_allclose(poses.position[0], [1.5, 0, 2], atol=1e-6)
+    np.testing.assert_allclose(poses.position[1], [1.0, 4.5, 2], atol=1e-5)
+
+
+def test_along_a_curve(empty_blender):
+    thing = curve([(0, 0, 0), (3, 0, 0), (3, 3, 0)])
+    thing.location = (0, 0, 5)
+    bpy.context.view_layer.update()
+    poses = Observer.way(Sonar(follow="Way", poses=5, speed=2.0))
+    expected = [[0, 0, 5], [1.5, 0, 5], [3, 0, 5], [3, 1.5, 5], [3, 3, 5]]
+    np.testing.assert_allclose(poses.position, expected, atol=1e-5)
+    np.testing.assert_allclose(poses.frames[1, 0], [1, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(poses.velocity[4], [0, 2, 0], atol=1e-6)
+    aside = Observer.way(Sonar(follow="Way", poses=3, azimuth_deg=90.0))
+    np.testing.assert_allclose(aside.frames[0, 0], [0, 1, 0], atol=1e-6)
+
+
+def test_a_sonar_flies_where_a_scanner_drives_whatever_is_drawn_around_the_curve(empty_blender):
+    """A bevelled curve is a tube, and other splines are no part of the way: positions are those of the bare
+    line to the bit, at an even speed, also for the scanner at the same times."""
+    thing = curve([(0, 0, 2), (4, 0, 2), (4, 3, 3)])
+    sonar = Sonar(follow="Way", poses=9, speed=2.0)
+    bare = Observer.way(sonar)
+    thing.data.bevel_depth, thing.data.bevel_resolution = 0.3, 4
+    other = thing.data.splines.new("POLY")
+    other.points.add(1)
+    other.points[1].co = (9, 9, 9, 1)
+    bpy.context.view_layer.update()
+    tube = Observer.way(sonar)
+    for name in ("position", "frames", "velocity"):
+        assert np.array_equal(getattr(tube, name), getattr(bare, name)), name
+    steps = np.linalg.norm(np.diff(tube.position, axis=0), axis=1)
+    assert steps[:4] == pytest.approx(np.full(4, steps[0]))
+    driven = Observer.way(Mobile(follow="Way", speed=2.0))
+    where, _ = driven.at(np.linspace(0.0, driven.duration, 9))
+    np.testing.assert_allclose(tube.position, where, atol=1e-12)
+
+
+def test_a_closed_curve_is_pinged_along_once(empty_blender):
+    curve([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)], closed=True)
+    poses = Observer.way(Sonar(follow="Way", poses=4))
+    np.testing.assert_allclose(
+        poses.position, [[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]], atol=1e-6
+    )
+
+
+def test_a_sonar_cannot_follow_what_is_not_there_or_goes_nowhere(empty_blender):
+    with pytest.raises(SpecError, match="no object"):
+        Observer.way(Sonar(follow="Nobody"))
+    thing = bpy.data.objects.new("Dot", bpy.data.curves.new("Dot", "CURVE"))
+    bpy.context.scene.collection.objects.link(thing)
+    with pytest.raises(SpecError, match="no length"):
+        Observer.way(Sonar(follow="Dot"))

@@ -98,11 +98,12 @@ def no_libraries(play):
 
 
 def no_matplotlib(play):
+    Path("scene.toml").write_text(CROWDED.replace("= 4", "= 0.01"))
     with play.patched() as patch:
         for name in report.DRAWERS:
             patch.setitem(sys.modules, name, None)
-        play.shows(play.headless("stand", "demo", "--out", "plain.csv").stdout)
-    play.hides(play.headless("stand", "demo", "--out", "points.csv").stdout)
+        play.shows(play.headless("stand", "scene.toml", "--out", "plain.csv").stdout)
+    play.hides(play.headless("stand", "scene.toml", "--out", "points.csv").stdout)
 
 
 def numpy_computes(play):
@@ -202,7 +203,7 @@ class Play:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS)
-def test_the_symptom_comes_and_goes(row, run, headless, monkeypatch):
+def test_the_symptom_comes_and_goes(row, run, headless, monkeypatch, quick):
     play = Play(row, run, headless, monkeypatch)
     if row in SCENES:
         sick, well = SCENES[row]

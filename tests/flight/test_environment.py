@@ -1,6 +1,10 @@
 """Gymnasium's rules, the same numbers as the sensors elsewhere, and what may go wrong."""
 
+import re
+import subprocess
+import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,13 +12,17 @@ import pytest
 bpy = pytest.importorskip("bpy")
 gymnasium = pytest.importorskip("gymnasium")
 
+
+from gymnasium import error
 from gymnasium.utils.env_checker import check_env
 
-import forest_addon.flight
 from forest_addon import api as forest
-from forest_addon.flight.environment import FlightEnv, FlightVectorEnv
+from forest_addon.flight import ENVIRONMENTS
+from forest_addon.flight.environment import FlightEnv, FlightVectorEnv, PoissonEnv
+from forest_addon.flight.obstacles import distances
 from forest_addon.flight.senses import SONAR, LidarSense
-from forest_addon.spec import Beam, Flight, Mobile, Noise
+from forest_addon.flight.stems import poisson_forests
+from forest_addon.spec import Beam, Flight, Mobile, Noise, SpecError
 
 FLIGHT = Flight(distance=15.0, steps=60, start_low=(0.0, 0.0), start_high=(1.0, 1.0), thinnest=0.0)
 SCENE = forest.Scene(
@@ -50,18 +58,6 @@ def same(one, other):
     return len(one) == len(other) and all(
         np.array_equal(a[k], b[k]) for a, b in zip(one, other, strict=True) for k in a
     )
-
-
-@pytest.mark.slow
-def test_gymnasium_finds_nothing_to_complain_of(env):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        made = gymnasium.make(
-            forest_addon.flight.NAME, scene=SCENE, sensors=("lidar",), render_mode="rgb_array"
-        )
-        check_env(made.unwrapped)
-        made.close()
-    assert env.observation_space.contains(env.reset(seed=3)[0])
 
 
 @pytest.mark.slow
@@ -242,3 +238,250 @@ def test_the_wind_of_a_scene_carries_flyers_and_a_seed_repeats_it():
     ground = made.flights.surroundings.ground(state.position[:, :2])
     above = state.position - [0.0, 0.0, ground[0]]
     assert 0 < gusts.mean(above[:, 2])[0] < 9.0 or above[0, 2] > gusts.height
+
+
+# ----------------------------------------------------------------------------------------------- gym
+# Environments as Gymnasium knows them: ids, its own checks, and what answers misuse; without Blender.
+
+POISSON, POLE = "ForestSensing/Poisson-v0", "ForestSensing/Pole-v0"
+QUICK = {"density": 0.05, "distance": 10.0}
+PLAIN = ["ForestSensing/Passage-v0", POISSON, POLE]  # these need no Blender
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLAIN)
+def test_gymnasium_finds_nothing_to_complain_of(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = gymnasium.make(name, **({"render_mode": "rgb_array"} if name == POISSON else {}))
+        check_env(made.unwrapped)
+        again = gymnasium.make(made.spec)
+        first, other = (env.reset(seed=3)[0] for env in (made, again))
+        step = (made.action_space.sample(),)
+        first, other = ([first, *env.step(*step)][:3] for env in (made, again))
+        made.close()
+    assert gymnasium.utils.env_checker.data_equivalence(first, other)
+
+
+def test_all_are_registered_and_the_readme_says_how():
+    assert set(ENVIRONMENTS) <= set(gymnasium.registry)
+    for page in ("README.md", "docs/flight.md"):
+        text = (Path(__file__).parents[2] / page).read_text("utf-8")
+        assert re.search(r"import .*forest_addon\.flight", text)
+        assert set(re.findall(r"ForestSensing/[\w-]+", text)) <= set(ENVIRONMENTS)
+    assert "Flight-v0" in text
+
+
+def test_a_module_in_the_name_is_import_enough():
+    code = f"import gymnasium; print(gymnasium.make('forest_addon.flight:{POISSON}').spec.id)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.split() == [POISSON], done.stderr
+
+
+def begun(make=gymnasium.make, **given):
+    env = make(POISSON, **QUICK, **given)
+    env.reset(seed=1)
+    return env
+
+
+def over():
+    """Return an environment whose flight has ended."""
+    env = gymnasium.make(POISSON, density=0.0, distance=2.0)
+    env.reset(seed=1)
+    while not any(env.step(np.zeros(1))[2:4]):
+        pass
+    return env
+
+
+def many():
+    return begun(gymnasium.make_vec, num_envs=2)
+
+
+def heard(guess):
+    env = gymnasium.make(POLE)
+    env.reset(seed=1)
+    env.step(guess)
+    return env
+
+
+MISUSES = {
+    "a step before reset": (lambda: gymnasium.make(POISSON).step(np.zeros(1)), error.ResetNeeded),
+    "the same without wrappers": (lambda: PoissonEnv().step(np.zeros(1)), error.ResetNeeded),
+    "a picture before reset": (
+        lambda: gymnasium.make(POISSON, render_mode="rgb_array").render(),
+        error.ResetNeeded,
+    ),
+    "that without wrappers": (
+        lambda: PoissonEnv(render_mode="rgb_array").render(),
+        error.ResetNeeded,
+    ),
+    "a step after the end": (lambda: over().step(np.zeros(1)), error.ResetNeeded),
+    "a second guess": (lambda: heard(1).step(1), error.ResetNeeded),
+    "many before reset": (
+        lambda: gymnasium.make_vec(POISSON, num_envs=2).step(np.zeros((2, 1))),
+        error.ResetNeeded,
+    ),
+    "too many numbers": (lambda: begun().step(np.zeros(2)), error.InvalidAction),
+    "a bare number": (lambda: begun().step(0.5), error.InvalidAction),
+    "no action": (lambda: begun().step(None), error.InvalidAction),
+    "words": (lambda: begun().step(["left"]), error.InvalidAction),
+    "complex numbers": (lambda: begun().step(np.ones(1) * 1j), error.InvalidAction),
+    "ragged rows": (lambda: many().step([[0.0], [0.0, 1.0]]), error.InvalidAction),
+    "not a number": (lambda: begun().step(np.array([np.nan])), error.InvalidAction),
+    "out of space": (lambda: begun().step(np.array([1.5])), error.InvalidAction),
+    "one action for two": (lambda: many().step(np.zeros((1, 1))), error.InvalidAction),
+    "half a guess": (lambda: heard(0.5), error.InvalidAction),
+    "a negative seed": (lambda: begun().reset(seed=-1), error.Error),
+    "a seed of halves": (lambda: begun().reset(seed=1.5), error.Error),
+    "a seed in words": (lambda: many().reset(seed="one"), error.Error),
+    "a seed too few": (lambda: many().reset(seed=[1]), error.Error),
+    "a negative one among seeds": (lambda: many().reset(seed=[1, -2]), error.Error),
+    "an unknown mode": (lambda: PoissonEnv(render_mode="ansi"), error.UnsupportedMode),
+    "a window for many": (
+        lambda: FlightVectorEnv(2, poisson_forests(0.1, 4.0, 9.0), render_mode="human"),
+        error.UnsupportedMode,
+    ),
+    "another version": (lambda: gymnasium.make("ForestSensing/Flight-v9"), error.VersionNotFound),
+    "another name": (lambda: gymnasium.make("ForestSensing/Fly-v0"), error.NameNotFound),
+    "another maker": (lambda: gymnasium.make("Forest/Flight-v0"), error.NamespaceNotFound),
+    "an unknown argument": (lambda: gymnasium.make(POISSON, trees=3), TypeError),
+    "steps after closing": (lambda: closed().step(np.zeros((2, 1))), error.ClosedEnvironmentError),
+    # What Gymnasium has no error for is told as a scene file is.
+    "an unknown option": (lambda: begun().reset(options={"begin": 3}), SpecError),
+    "options that are none": (lambda: begun().reset(options=[3]), SpecError),
+    "a forest of halves": (lambda: begun().reset(options={"forest": 1.5}), SpecError),
+    "a heading in words": (lambda: begun().reset(options={"heading_deg": "east"}), SpecError),
+    "a plane start": (lambda: begun().reset(options={"start": (1, 2)}), SpecError),
+    "a negative density": (lambda: gymnasium.make(POISSON, density=-1.0), SpecError),
+    "no speed": (lambda: gymnasium.make(POISSON, speed=0.0), SpecError),
+    "a hedge behind": (lambda: gymnasium.make(POLE, distance=-1.0), SpecError),
+    "a pole of no width": (lambda: gymnasium.make(POLE, width=float("nan")), SpecError),
+    "an unknown sense": (lambda: gymnasium.make(POISSON, sensors=("smell",)), SpecError),
+    "a scene that is none": (lambda: FlightEnv(5), SpecError),
+}
+
+
+def closed():
+    env = many()
+    env.close()
+    env.close()  # twice is once
+    return env
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(("do", "kind"), MISUSES.values(), ids=MISUSES)
+def test_misuse_gets_an_error_that_says_so(do, kind):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Gymnasium warns first
+        with pytest.raises(kind) as said:
+            do()
+    assert issubclass(type(said.value), error.Error) == issubclass(kind, error.Error)
+    assert "\n" not in str(said.value)
+
+
+def test_a_picture_without_a_mode_is_warned_of():
+    env = begun()
+    with pytest.warns(UserWarning, match="draws nothing without a mode"):
+        assert env.unwrapped.render() is None
+    env.close()
+    env.close()
+
+
+def test_a_refused_action_leaves_the_flight_as_it_was():
+    for env, action in ((begun(), np.array([0.4])), (many(), np.array([[0.4], [-0.2]]))):
+        env.step(action)
+        flyers = env.unwrapped.flights.flyers
+        before, steps = [values.copy() for values in vars(flyers.state).values()], flyers.steps[0]
+        with pytest.raises(error.InvalidAction):
+            env.step(np.full_like(action, np.inf))
+        after = vars(flyers.state).values()
+        assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+        assert flyers.steps[0] == steps
+
+
+# ------------------------------------------------------------------------------------------- swaying
+# Flyers among trees that sway: what they sense and touch at a time is what is there then.
+
+STEP, SEED = 0.25, 11  # s: whole frames of 1/24 s
+SWAYING_SCENE = forest.Scene(
+    seed=4,
+    wind=forest.Wind(speed=12.0),
+    flight=Flight(
+        distance=15.0,
+        steps=60,
+        step=STEP,
+        start_low=(0.0, 0.0),
+        start_high=(1.0, 1.0),
+        thinnest=0.0,
+        radius=0.02,
+    ),
+    forest=forest.Forest(size=(14.0, 12.0), margin=5.0),
+    plantings=(forest.Planting(species="hazelnut", variants=2, expected=5, exact=True),),
+)
+
+
+@pytest.fixture(scope="module")
+def swaying_env():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    ears = SONAR.changed(wood=False, band=(60e3, 70e3), max_range=3.0, doppler=True)
+    return FlightEnv(SWAYING_SCENE, sensors=("lidar", "sonar"), sonar=ears)
+
+
+@pytest.mark.slow
+def test_a_step_senses_the_trees_of_its_moment(swaying_env):
+    """To the bit: scan and ping at the flyer's pose in Blender, at the frame of that time."""
+    swaying_env.reset(seed=SEED)
+    for _ in range(2):
+        told = swaying_env.step(np.array([0.3, -0.4, 0.2]))[0]
+    flyers, world = swaying_env.flights.flyers, swaying_env.world()
+    bpy.context.scene.render.fps = 24
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + round(2 * STEP * 24))
+    scanner = flyers.lidar.scanner.changed(poses=(flyers.lidar.pose(flyers.state),))
+    cloud = world.scan(scanner).found
+    truth = np.full(flyers.lidar.rays, scanner.max_range)
+    truth[cloud.pulse] = cloud.true_range
+    assert len(cloud) > 10
+    assert np.array_equal(told["lidar"], truth)
+    heard = world.ping(flyers.ears.settings(flyers.state)).pings[0]
+    ours = flyers.ears.ping(flyers.world, flyers.state, time=float(flyers.time[0]))
+    assert heard.heard.instance.size > 10
+    assert np.array_equal(ours.waveforms, heard.waveforms)
+    rest = flyers.lidar.look(flyers.world, flyers.state, np.zeros(1), np.array([7.0]))[0]
+    assert not np.array_equal(rest, told["lidar"])  # another moment is another
+
+
+@pytest.mark.slow
+def test_the_first_touch_is_that_of_the_moment(swaying_env):
+    """Against every triangle, put in its place one by one."""
+    swaying_env.reset(seed=SEED)
+    world, time = swaying_env.flights.surroundings, 3.7
+    sway, scene = world.sway, world.geometry
+    number = sway.number
+    rows = np.flatnonzero([int(tree) in number for tree in scene.tree])
+    corners = []
+    for row in rows.tolist():
+        tree, mesh = number[int(scene.tree[row])], int(scene.mesh_index[row])
+        own = world.stock.solids[mesh].corners
+        piece = sway.pieces_at(tree, own.mean(axis=1), np.full(len(own), -1))
+        place, stands = sway.moment(tree, time)[0][piece], scene.transform[row]
+        moved = np.einsum("tij,tkj->tki", place[:, :, :3], own) + place[:, None, :, 3]
+        corners.append(moved @ stands[:, :3].T + stands[:, 3])
+    corners = np.concatenate(corners)
+    rng = np.random.default_rng(0)
+    ends = corners[rng.integers(len(corners), size=12), 0] + rng.normal(0, 0.05, (12, 3))
+    start = ends + rng.normal(0, 0.3, (12, 3))
+    now = world.obstacles.at(time)
+    share, room = now.touch(start, ends, 0.05), now.room(start)
+    for k in range(12):
+        away = distances(start[k], corners).min()
+        assert room[k] <= away + 1e-9
+        if away <= 0.05:
+            assert share[k] == 0.0
+        elif np.isfinite(share[k]):
+            there = start[k] + share[k] * (ends[k] - start[k])
+            assert distances(there, corners).min() == pytest.approx(0.05, abs=1e-6)
+        else:
+            along = start[k] + np.linspace(0, 1, 41)[:, None] * (ends[k] - start[k])
+            assert min(distances(spot, corners).min() for spot in along) > 0.05 - 1e-9
+    assert np.isfinite(share).sum() > 4
+    assert not np.array_equal(share, world.obstacles.at(time + 1.0).touch(start, ends, 0.05))

@@ -6,13 +6,25 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.flight import policies
+from forest_addon.flight.bodies import ACTIONS, GRAVITY, at_rest, move
 from forest_addon.flight.flying import fly, interval
 from forest_addon.flight.listening import area_under_curve, discriminant
+from forest_addon.flight.obstacles import (
+    MeshObstacles,
+    Solid,
+    distances,
+    stopping,
+    touched,
+    touches,
+)
 from forest_addon.flight.policies import Gap, Straight, policy_of
 from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.stems import PlaneTrunks, StemWorld
+from forest_addon.growth.mesh.meshing import tube
+from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Flight, SpecError, Wind
 from forest_addon.stand.wind import WindField
 from studies.flight import theory
@@ -260,3 +272,231 @@ def test_the_wind_of_a_flyer_is_the_same_among_others_and_again():
         ways.append(made.state.position[-1])
     assert np.array_equal(ways[0], ways[2])
     assert np.allclose(ways[0], ways[1], atol=1e-12)
+
+
+# -------------------------------------------------------------------------------------------- bodies
+# Bodies move within their limits, and as closed forms say.
+
+
+def flown(flight, action, steps=200, count=1):
+    state = at_rest(flight, np.zeros((count, 3)), np.zeros(count))
+    states = [state]
+    for _ in range(steps):
+        state, corners = move(flight, state, np.broadcast_to(action, (count, len(action))))
+        assert np.array_equal(corners[:, -1], state.position)
+        states.append(state)
+    return states
+
+
+def test_a_bat_keeps_its_limits():
+    flight = Flight(
+        speed=6.0, slowest=1.0, acceleration=9.0, turn_rate_deg=400.0, climb=1.5, step=0.02
+    )
+    rng = np.random.default_rng(0)
+    state = at_rest(flight, np.zeros((8, 3)), np.zeros(8))
+    for _ in range(300):
+        before = state
+        state, _ = move(flight, state, rng.uniform(-1, 1, (8, 3)))
+        speed = np.hypot(*state.velocity[:, :2].T)
+        assert (speed <= 6 + 1e-12).all()
+        assert (speed >= 1 - 1e-12).all()
+        assert (np.abs(state.velocity[:, 2]) <= 1.5 + 1e-12).all()
+        turn = np.angle(np.exp(1j * (state.heading - before.heading))) / flight.step
+        assert (np.abs(turn) <= np.deg2rad(400) + 1e-9).all()
+        assert (np.abs(turn) * speed <= 9.0 + 1e-9).all()
+        assert np.allclose(state.position - before.position, state.velocity * flight.step)
+
+
+def test_a_planar_flyer_turns_in_a_circle():
+    """Dubins: at full turn its places lie on one circle of radius v/ω, the chord's of a polygon."""
+    flight = Flight(body="planar", speed=4.0, turn_rate_deg=90.0, acceleration=100.0, step=0.01)
+    place = np.array([s.position[0] for s in flown(flight, np.array([1.0]), 400)])
+    assert np.ptp(place[:, 2]) == 0
+    middle = (place[:200].max(axis=0) + place[:200].min(axis=0)) / 2
+    away = np.hypot(
+        *(place - place[:-1].mean(axis=0))[:, :2].T
+    )  # one whole turn: its mean is the centre
+    assert np.ptp(away) < 0.01
+    assert away.mean() == pytest.approx(4.0 / (np.pi / 2), rel=1e-3)
+    assert middle.shape == (3,)
+
+
+def test_a_bird_keeps_its_course():
+    flight = Flight(body="bird", speed=7.0, sideways=2.0, step=0.1)
+    state = flown(flight, np.array([-0.5]), 10)[-1]
+    assert state.position[0] == pytest.approx([7.0, -1.0, 0.0])
+    assert state.heading[0] == 0
+
+
+def test_a_quadrotor_follows_its_command_and_reaches_its_speed():
+    flight = Flight(
+        body="quadrotor", speed=8.0, tilt_deg=30.0, response=0.2, step=0.05, wind=(1.0, 0, 0)
+    )
+    states = flown(flight, np.array([1.0, 0, 0, 0]), 400)
+    tilt = np.array([s.tilt[0, 0] for s in states])
+    time = 0.05 * np.arange(len(tilt))
+    assert np.allclose(
+        tilt, np.deg2rad(30) * -np.expm1(-time / 0.2), atol=1e-12
+    )  # first order, exactly
+    assert states[-1].velocity[0, 0] == pytest.approx(
+        9.0, rel=1e-3
+    )  # through the air, and the wind
+    assert abs(states[-1].position[0, 2]) < 1e-9
+    first = (states[1].velocity[0] - states[0].velocity[0]) / 0.05
+    assert 0 < first[0] < GRAVITY * np.tan(np.deg2rad(30))
+
+
+@pytest.mark.parametrize("body", ACTIONS)
+def test_wind_carries_every_body(body):
+    still, blown = (
+        flown(Flight(body=body, wind=wind, step=0.05), np.zeros(len(ACTIONS[body])), 100)[-1]
+        for wind in ((0.0, 0.0, 0.0), (0.0, 1.5, 0.0))
+    )
+    drift = blown.position[0] - still.position[0]
+    assert drift == pytest.approx([0, 7.5, 0], abs=0.7 if body == "quadrotor" else 1e-9)
+
+
+# --------------------------------------------------------------------------------------------- sweep
+# A swept sphere against closed forms, and against dense samples in float64 that share no code with it.
+
+FLOOR = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 20, 0]]])
+
+
+def first_touch(start, way, radius, corners):
+    return touches(start, way, radius, corners).min(initial=np.inf)
+
+
+def nearest_by_samples(point, corners, steps=60):
+    """Distance to points strewn densely over triangles."""
+    u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, steps)] * 2))
+    keep = u + v <= 1 + 1e-12
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    places = a[:, None] + u[keep, None] * (b - a)[:, None] + v[keep, None] * (c - a)[:, None]
+    return np.linalg.norm(places - point, axis=2).min(axis=1)
+
+
+@pytest.mark.parametrize(
+    ("start", "way", "share"),
+    [
+        ((0.0, 0, 2), (0.0, 0, -4), 1.5 / 4),  # face: the plane, a radius before it
+        ((0.0, 0, -2), (0.0, 0, 4), 1.5 / 4),  # from behind
+        ((0.0, -12, 0), (0.0, 6, 0), 2.5 / 6),  # edge, in its plane
+        ((-12.0, -9, 0), (6.0, 0, 0), 2.5 / 6),  # corner
+        ((0.0, 0, 2), (0.0, 0, 4), np.inf),  # away
+        ((0.0, 0, 2), (5.0, 0, 0), np.inf),  # alongside
+        ((0.0, 0, 0.4), (0.0, 0, 4), 0.0),  # touches already
+        ((0.0, 0, 2), (0.0, 0, 0), np.inf),  # stands still
+        ((0.0, 0, 500), (0.0, 0, -1e6), 499.5 / 1e6),  # a very long step
+    ],
+)
+def test_closed_forms(start, way, share):
+    found = first_touch(np.array(start), np.array(way), 0.5, FLOOR)
+    assert found == pytest.approx(share, rel=1e-12)
+
+
+def test_distances_are_those_of_dense_samples():
+    rng = np.random.default_rng(1)
+    corners = rng.normal(0, 1, (40, 3, 3))
+    for point in rng.normal(0, 2, (12, 3)):
+        exact, sampled = distances(point, corners), nearest_by_samples(point, corners)
+        assert (exact <= sampled + 1e-12).all()
+        assert (sampled - exact < 0.08).all()  # steps of at most 4 m / 60
+
+
+@pytest.mark.medium
+def test_touch_is_where_the_distance_first_is_the_radius():
+    """At the share the sphere touches, before it never does (40 places along), and misses are misses."""
+    rng = np.random.default_rng(2)
+    met = 0
+    for _ in range(50):
+        corners = rng.normal(0, 1, (9, 3, 3)) * rng.uniform(0.01, 1.5)
+        start, radius = rng.normal(0, 3, 3), rng.uniform(0.01, 0.5)
+        way = corners.mean(axis=(0, 1)) - start + rng.normal(0, 0.5, 3)
+        share = first_touch(start, way, radius, corners)
+        end = min(share, 1.0)
+        along = [distances(start + s * way, corners).min() for s in np.linspace(0, end, 40)[:-1]]
+        assert min(along) > radius - 1e-9 or share == 0
+        if 0 < share <= 1:
+            met += 1
+            assert distances(start + share * way, corners).min() == pytest.approx(radius, abs=1e-9)
+    assert met > 10
+
+
+def test_degenerate_triangles_are_points_and_lines():
+    point = np.zeros((1, 3, 3))
+    line = np.array([[[0.0, -5, 0], [0, 5, 0], [0, 0, 0]]])
+    for corners in (point, line):
+        assert first_touch(np.array([4.0, 0, 0]), np.array([-8.0, 0, 0]), 1.0, corners) == 3 / 8
+
+
+def forest(count=30, seed=3):
+    """Bent trunks with twigs and leaves, turned and scaled."""
+    rng = np.random.default_rng(seed)
+    way = np.stack([np.linspace(0, 0.5, 9), np.zeros(9), np.linspace(0, 4, 9)], axis=1)
+    trunk = TriMesh.of_part(*tube(way, np.linspace(0.2, 0.1, 9), 8), WOOD)
+    twig = TriMesh.of_part(*tube(way[::4] * [3, 1, 0.1] + [0, 0, 2], np.full(3, 0.004), 5), WOOD)
+    leaf = TriMesh.of_part(
+        np.array([[1.0, 0, 2], [2, 0, 2], [1, 1, 2]]), np.array([[0, 1, 2]]), LEAF
+    )
+    turn, scale = rng.uniform(0, 6.3, count), rng.uniform(0.7, 1.3, count)
+    transform = np.zeros((count, 3, 4))
+    transform[:, 0, 0] = transform[:, 1, 1] = scale * np.cos(turn)
+    transform[:, 1, 0] = scale * np.sin(turn)
+    transform[:, 0, 1] = -transform[:, 1, 0]
+    transform[:, 2, 2] = scale
+    transform[:, :2, 3] = rng.uniform(0, 12, (count, 2))
+    none = np.full(count, -1)
+    meshes = (join([trunk, twig, leaf]),)
+    return SceneGeometry(meshes, transform, np.zeros(count, int), ("t",) * count, none, none)
+
+
+def test_leaves_and_thin_twigs_do_not_stop():
+    mesh = forest().meshes[0]
+    assert (mesh.part[stopping(mesh, 0.0)] == WOOD).all()
+    thick = stopping(mesh, 0.02)
+    assert len(thick) == len(tube(np.zeros((9, 3)) + np.arange(9)[:, None], np.ones(9), 8)[1])
+    assert mesh.vertices[mesh.triangles[thick]].max() > 3.9
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("step", [0.3, 10.0])
+def test_forests_are_met_as_all_their_triangles_are(step):
+    """Cells, boxes and the map lose nothing: all triangles of all trees, one by one, say the same."""
+    scene = forest()
+    solid = Solid(scene.meshes[0], 0.02)
+    obstacles = MeshObstacles(scene, [solid])
+    every = np.concatenate([solid.corners @ m[:, :3].T + m[:, 3] for m in scene.transform])
+    rng = np.random.default_rng(4)
+    start = np.column_stack([rng.uniform(-1, 13, (40, 2)), rng.uniform(0.2, 3, 40)])
+    start[:20] = scene.transform[:20, :, 3] + rng.uniform(-0.7, 0.7, (20, 3)) + [0, 0, 1]
+    way = rng.normal(0, 1, (40, 3)) * [1, 1, 0.2]
+    way *= step / np.linalg.norm(way, axis=1, keepdims=True)
+    found = touched(obstacles, start, start + way, 0.1)
+    truth = np.array([first_touch(p, w, 0.1, every) for p, w in zip(start, way, strict=True)])
+    assert np.allclose(found, truth, atol=1e-9)
+    assert np.isfinite(truth).any()
+    exact = np.array([distances(p, every).min() for p in start])
+    room = obstacles.room(start)
+    assert (room <= exact + 1e-12).all()
+    far = exact > 1.0
+    assert (room[far] > 0.5).all()  # a bound that is of use
+    assert obstacles.distance(start[0], 50.0) == pytest.approx(exact[0])
+
+
+def test_trunks_of_a_plan_are_circles():
+    stems = PlaneTrunks(np.array([[5.0, 0.0], [5.0, 9.0]]), np.array([0.5, 1.0]))
+    start, end = (
+        np.array([[0.0, 0, 1], [0, 3, 1], [0, 0.8, 1]]),
+        np.array([[10.0, 0, 1], [10, 3, 1], [10, 0.8, 1]]),
+    )
+    found = touched(stems, start, end, 0.5)
+    assert found == pytest.approx([0.4, np.inf, (5 - np.sqrt(1 - 0.64)) / 10], rel=1e-12)
+    inside = touched(stems, np.array([[5.0, 0.2, 1]]), np.array([[6.0, 0, 1]]), 0.1)
+    assert inside[0] == 0
+
+
+def test_nothing_stands_in_an_empty_world():
+    nothing = np.empty(0, dtype=np.int64)
+    scene = SceneGeometry((), np.empty((0, 3, 4)), nothing, (), nothing, nothing)
+    for empty in (MeshObstacles(scene, []), PlaneTrunks(np.empty((0, 2)), np.empty(0))):
+        assert touched(empty, np.zeros((1, 3)), np.full((1, 3), 1e4), 1.0)[0] == np.inf

@@ -63,26 +63,6 @@ def test_a_field_in_tiles_is_refused():
         FlightEnv(BARE.changed(tiles=forest.Tiles(size=5.0)), sensors=())
 
 
-@pytest.mark.medium
-def test_a_start_in_a_trunk_is_refused(one):
-    one.reset(seed=3)
-    forest_ = one.flights.surroundings.forest
-    foot = forest_.transforms()[0, :, 3]
-    with pytest.raises(SpecError, match=r"is inside or within .* of something solid"):
-        one.reset(seed=3, options={"start": (foot[0], foot[1], 1.0)})
-    seen, _ = one.reset(
-        seed=3, options={"start": (foot[0] - 2.0, foot[1], 1.0), "heading_deg": 0.0}
-    )
-    assert 1.0 < seen["lidar"].min() < 2.0
-    for _ in range(40):
-        info = one.step(np.array([0.0, 0.0, 1.0]))[4]
-        if info["crashed"]:
-            break
-    assert info["crashed"]
-    room = one.flights.surroundings.obstacles.distance(info["position"], 1.0)
-    assert room == pytest.approx(0.15, abs=1e-6)  # it touches: exactly a radius from the mesh
-
-
 @pytest.mark.parametrize(
     ("do", "words"),
     [

@@ -2,7 +2,9 @@
 
 import csv
 import dataclasses
+import json
 import shutil
+import struct
 import subprocess
 
 import laspy
@@ -10,18 +12,23 @@ import numpy as np
 import pye57
 import pytest
 from pypcd4 import PointCloud
-from scipy.io import wavfile
+from scipy.io import loadmat, wavfile
 from scipy.spatial import cKDTree
 
 from forest_addon import spec
+from forest_addon.base.places import ASSETS
+from forest_addon.formats.glb import EXTENSION, Copies, instance_nodes, read_glb, write_glb
+from forest_addon.growth.library import load_species
 from forest_addon.results.coordinates import Offset
 from forest_addon.results.kinds import RESULTS, write_as
 from forest_addon.results.points import POINT, can_write, records
+from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import SpecError
+from forest_addon.stand.forest import cylinder_table, grow_forest, inventory
 
-from . import test_las
+from . import test_scan_file
 
 CLAP = spec.Reverb(sample_rate=8000, duration=0.05)
 POINTS, SOUNDS = RESULTS["terrestrial"].endings, RESULTS["reverb"].endings
@@ -30,7 +37,7 @@ OFFSET = Offset((500_000.25, 4_000_000.5, 100.125), "EPSG:32632")
 
 @pytest.fixture
 def cloud():
-    return test_las.cloud()
+    return test_scan_file.cloud()
 
 
 def of_another_reader(path, ending):
@@ -189,3 +196,207 @@ def test_another_ending_is_one_sentence(cloud, tmp_path):
     with pytest.raises(SpecError, match=r'cannot be written as ".obj"; use .laz, .las'):
         write_as(tmp_path / "cloud.obj", spec.Terrestrial(), cloud)
     assert not list(tmp_path.iterdir())
+
+
+# ----------------------------------------------------------------------------------------------- glb
+# Instances in .glb files, read back by a reader of this test's own, after the glTF 2.0 specification.
+
+WIDTH = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+TO_Y_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)  # glTF's x, y, z from ours
+
+
+def small_glb(path):
+    """Two nodes that share a mesh of one triangle, one of them with a place of its own."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+    document = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 36}],
+        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 36}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [
+            {"name": "a", "mesh": 0, "translation": [1, 2, 3], "rotation": [0, 1, 0, 0]},
+            {"name": "b", "mesh": 0},
+            {"name": "empty"},
+        ],
+        "scenes": [{"nodes": [0, 1, 2]}],
+    }
+    write_glb(path, document, bytearray(corners))
+    return document
+
+
+def strictly(path):
+    """The document and the binary chunk of a .glb; every rule of its container is checked."""
+    raw = path.read_bytes()
+    magic, version, length = struct.unpack_from("<4sII", raw)
+    assert (magic, version, length) == (b"glTF", 2, len(raw))
+    size, kind = struct.unpack_from("<I4s", raw, 12)
+    assert kind == b"JSON"
+    assert size % 4 == 0
+    document = json.loads(raw[20 : 20 + size])
+    rest = raw[20 + size :]
+    size, kind = struct.unpack_from("<I4s", rest)
+    assert kind == b"BIN\0"
+    assert size % 4 == 0
+    assert size == len(rest) - 8 == document["buffers"][0]["byteLength"]
+    return document, rest[8:]
+
+
+def column(document, binary, index):
+    accessor = document["accessors"][index]
+    view = document["bufferViews"][accessor["bufferView"]]
+    assert accessor["componentType"] == 5126
+    assert view["byteOffset"] % 4 == 0
+    width = WIDTH[accessor["type"]]
+    assert view["byteLength"] == 4 * width * accessor["count"]
+    values = np.frombuffer(binary, "<f4", accessor["count"] * width, view["byteOffset"])
+    return values.reshape(-1, width).astype(float)
+
+
+def turn_of(quaternion):
+    """(N, 3, 3) from x, y, z, w by the textbook formula."""
+    x, y, z, w = quaternion.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def transforms(count, negative=False):
+    """Random turns, by QR, with a size of its own for each axis, and places."""
+    rng = np.random.default_rng(3)
+    turn = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))[:, None, None]
+    size = rng.uniform(0.3, 3, (count, 1, 3)) * (-1 if negative else 1)
+    return np.concatenate([turn * size, rng.uniform(-50, 50, (count, 3, 1))], axis=2)
+
+
+@pytest.mark.parametrize("negative", [False, True])
+def test_copies_come_back_where_they_were(tmp_path, negative):
+    small_glb(tmp_path / "x.glb")
+    placed = transforms(500, negative)
+    tree = np.random.default_rng(1).permutation(500)
+    instance_nodes(tmp_path / "x.glb", {"a": Copies("oak", placed, {"_TREE": tree})})
+    document, binary = strictly(tmp_path / "x.glb")
+    (node,) = (n for n in document["nodes"] if n.get("name") == "oak")
+    assert not node.keys() & {"translation", "rotation", "scale", "matrix"}
+    assert EXTENSION in document["extensionsUsed"]
+    assert EXTENSION in document["extensionsRequired"]
+    indices = node["extensions"][EXTENSION]["attributes"]
+    assert indices.keys() == {"TRANSLATION", "ROTATION", "SCALE", "_TREE"}
+    place, turn, size, number = (
+        column(document, binary, indices[name])
+        for name in ("TRANSLATION", "ROTATION", "SCALE", "_TREE")
+    )
+    assert (number[:, 0] == tree).all()
+    assert np.abs(np.linalg.norm(turn, axis=1) - 1).max() < 1e-6
+    linear = turn_of(turn) * size[:, None, :]
+    back = TO_Y_UP.T @ linear @ TO_Y_UP
+    assert np.abs(back - placed[:, :, :3]).max() < 1e-5
+    assert np.abs(place @ TO_Y_UP - placed[:, :, 3]).max() < 1e-5
+
+
+def test_what_was_in_the_file_stays(tmp_path):
+    before = small_glb(tmp_path / "x.glb")
+    instance_nodes(tmp_path / "x.glb", {"b": Copies("oak", transforms(3))})
+    document, binary = strictly(tmp_path / "x.glb")
+    assert document["nodes"][0] == before["nodes"][0]
+    assert document["meshes"] == before["meshes"]
+    assert (column(document, binary, 0) == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]).all()
+
+
+@pytest.mark.parametrize("name", ["nobody", "empty"])
+def test_a_node_without_a_mesh_is_refused(tmp_path, name):
+    small_glb(tmp_path / "x.glb")
+    with pytest.raises(ValueError, match=f"'{name}' with a mesh"):
+        instance_nodes(tmp_path / "x.glb", {name: Copies("oak", transforms(1))})
+
+
+def test_a_number_that_float32_does_not_hold_is_refused(tmp_path):
+    small_glb(tmp_path / "x.glb")
+    large = Copies("oak", transforms(1), {"_TREE": np.array([2**24 + 1])})
+    with pytest.raises(ValueError, match="_TREE has numbers above"):
+        instance_nodes(tmp_path / "x.glb", {"a": large})
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"",
+        b"glTF",
+        struct.pack("<4sII", b"glTF", 1, 20) + bytes(8),
+        struct.pack("<4sII", b"glTF", 2, 20) + struct.pack("<II", 0, 7),
+        b"\x89PNG" + bytes(40),
+    ],
+)
+def test_what_is_no_glb_is_refused(tmp_path, raw):
+    (tmp_path / "x.glb").write_bytes(raw)
+    with pytest.raises(ValueError, match=r"x\.glb"):
+        read_glb(tmp_path / "x.glb")
+
+
+# ----------------------------------------------------------------------------------------------- qsm
+# TreeQSM's files: the structure that its readers walk, and the numbers of the skeleton.
+
+CYLINDER = (  # names by which rTwig and aRchi take them
+    *("radius", "length", "start", "axis", "parent", "extension", "added", "UnmodRadius"),
+    *("branch", "SurfCov", "mad", "BranchOrder", "PositionInBranch"),
+)
+BRANCH = (
+    *("order", "parent", "diameter", "volume", "area"),
+    *("length", "angle", "height", "azimuth", "zenith"),
+)
+
+
+@pytest.fixture(scope="module")
+def grown():
+    scene = spec.Scene(
+        seed=3,
+        forest=spec.Forest(size=(20.0, 20.0)),
+        plantings=(
+            spec.Planting(species="abop-monopodial-a", variants=2, expected=3, exact=True),
+            spec.Planting(species="scots-pine", variants=1, expected=2, exact=True),
+        ),
+    )
+    kinds = [load_species(ASSETS / "species" / f"{p.species}.toml") for p in scene.plantings]
+    return grow_forest(scene, kinds)
+
+
+@pytest.mark.medium
+def test_models_hold_the_trees(grown, tmp_path):
+    table, stand = cylinder_table(grown), inventory(grown)
+    paths = list(write_models(tmp_path / "qsm", table, (1000.0, 0.0, 0.0)))
+    assert len(paths) == len(grown.stand)
+    for row, path in enumerate(paths):
+        qsm = loadmat(path, simplify_cells=True)["QSM"]
+        cylinder, branch, data = qsm["cylinder"], qsm["branch"], qsm["treedata"]
+        assert [name for name in CYLINDER if name not in cylinder] == []
+        assert [name for name in BRANCH if name not in branch] == []
+        mine = table["tree"] == grown.stand.id[row]
+        assert len(cylinder["radius"]) == mine.sum()
+        assert cylinder["start"].shape == cylinder["axis"].shape == (mine.sum(), 3)
+        assert np.allclose(cylinder["start"][:, 0], table["startX"][mine] + 1000.0)
+        end = cylinder["start"] + cylinder["axis"] * cylinder["length"][:, None]
+        assert np.allclose(end[:, 2], table["endZ"][mine], atol=1e-9)
+        assert np.isclose(data["TotalVolume"], 1e3 * table["volume"][mine].sum())
+        assert np.isclose(branch["volume"].sum(), data["TotalVolume"])
+        assert np.isclose(data["DBHqsm"], stand["dbh_m"][row], rtol=0.06)
+        # a branch is one run of cylinders, each the extension of the one before
+        for number in (1, int(cylinder["branch"].max())):
+            run = np.flatnonzero(cylinder["branch"] == number)
+            run = run[np.argsort(cylinder["PositionInBranch"][run])]
+            assert (cylinder["PositionInBranch"][run] == np.arange(1, len(run) + 1)).all()
+            assert (cylinder["extension"][run[:-1]] == run[1:] + 1).all()
+            assert len(set(cylinder["BranchOrder"][run])) == 1
+        daughters = branch["parent"] > 0
+        mothers = branch["order"][branch["parent"][daughters].astype(int) - 1]
+        assert (branch["order"][daughters] == mothers + 1).all()
+
+
+@pytest.mark.medium
+def test_the_table_is_that_of_the_map(grown, tmp_path):
+    write_cylinders(tmp_path / "cylinders.csv", cylinder_table(grown), (0.0, 5.0, 0.0))
+    read = np.genfromtxt(tmp_path / "cylinders.csv", delimiter=",", names=True)
+    assert np.allclose(read["startY"], cylinder_table(grown)["startY"] + 5.0, atol=1e-5)

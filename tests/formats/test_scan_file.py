@@ -2,23 +2,30 @@
 
 import dataclasses
 import json
+import os
+import struct
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import laspy
 import numpy as np
 import pytest
-from references.lidar_scenes import ground, scene_with, wall
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, ground, scene_with, wall
 from scipy.optimize import curve_fit
 from scipy.signal import find_peaks
 
 from forest_addon.base.places import ROOT
-from forest_addon.formats.ply import PlyFile, header_of
+from forest_addon.formats.copc import CELLS, nodes
+from forest_addon.formats.las import intensity_level, write_las
+from forest_addon.formats.table import write_npz
+from forest_addon.formats.wav import write_wav
+from forest_addon.results import POINT_FORMATS
 from forest_addon.results.coordinates import Offset
 from forest_addon.results.points import POINT, records
-from forest_addon.results.scan_file import FORMATS, write_scan
+from forest_addon.results.scan_file import write_scan
+from forest_addon.sensing.lidar.cloud import Cloud, Returns
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.spec import Beam, Noise, Receiver, SpecError, Terrestrial
 
@@ -64,7 +71,7 @@ def killed_after(pulses):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", POINT_FORMATS)
 def test_every_format_holds_the_scan(tmp_path, kind):
     path = tmp_path / f"scan.{kind}"
     done = write_scan(path, work(), 5, offset=OFFSET, at_once=100)
@@ -98,7 +105,7 @@ def test_every_format_holds_the_scan(tmp_path, kind):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", POINT_FORMATS)
 @pytest.mark.parametrize("kills", [(1,), (150, 300)])
 def test_an_interrupted_scan_ends_with_the_same_bytes(tmp_path, kind, kills):
     whole, cut = tmp_path / f"whole.{kind}", tmp_path / f"cut.{kind}"
@@ -239,33 +246,12 @@ def test_an_ending_that_is_not_known(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", POINT_FORMATS)
 def test_a_scan_that_sees_nothing(tmp_path, kind):
     sky = dataclasses.replace(SCANNER, elevation_deg=(60.0, 80.0))
     done = write_scan(tmp_path / f"a.{kind}", work(sky), 5)
     assert done.points == 0
     assert (tmp_path / f"a.{kind}").stat().st_size > 0
-
-
-def test_a_ply_header_keeps_its_length():
-    sizes = {len(header_of(POINT, count, ["x"])) for count in (0, 9, 10, 123456, 10**18 - 1)}
-    assert len(sizes) == 1
-
-
-def test_a_ply_file_grows(tmp_path):
-    rows = np.zeros(5, dtype=POINT)
-    rows["x"] = np.arange(5)
-    file = PlyFile(tmp_path / "a.ply", POINT)
-    for part in (rows[:2], rows[2:2], rows[2:]):
-        file.append(part)
-        assert len(read_ply(tmp_path / "a.ply")[0]) == file.count
-    assert file.rows()[:]["x"].tolist() == [0, 1, 2, 3, 4]
-    assert file.rows()[1:9]["x"].tolist() == [1, 2, 3, 4]
-    file.close()
-    whole = PlyFile(tmp_path / "b.ply", POINT)
-    whole.append(rows)
-    whole.close()
-    assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
 
 
 MEMORY = """
@@ -429,3 +415,210 @@ def test_waveforms_of_a_scan_that_was_killed_are_those_of_one_that_was_not(tmp_p
         assert one["waveform_step_gain_offset"][0] == pytest.approx(1000)
     else:
         assert whole.read_bytes() == broken.read_bytes()
+
+
+# ----------------------------------------------------------------------------------------------- las
+# LAS and LAZ as an independent reading of the bytes sees them.
+
+LABELS = ("tree", "species", "organ", "leaf")
+
+
+def cloud(count=500):
+    rng = np.random.default_rng(1)
+    organ = rng.integers(0, 4, count).astype(np.int8)
+    normal = rng.normal(size=(count, 3))
+    of = rng.integers(1, 16, count)
+    returns = Returns(
+        distance=rng.uniform(1, 50, count),
+        normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        cos_incidence=rng.random(count),
+        organ=organ,
+        leaf=np.where(organ == 2, rng.integers(0, 9999, count), -1).astype(np.int32),
+        tree=rng.integers(-1, 300, count),
+        species=rng.integers(-1, 4, count),
+        instance=rng.integers(0, 40, count),
+        triangle=rng.integers(0, 9, count).astype(np.int32),
+    )
+    return Cloud(
+        position=rng.uniform(-50, 50, (count, 3)),
+        pulse=np.arange(count),
+        time=np.sort(rng.uniform(0, 9, count)),
+        number=np.ceil(of * rng.uniform(0.01, 1, count)).astype(np.uint8),
+        count=of.astype(np.uint8),
+        azimuth=rng.uniform(0, 6, count),
+        elevation=rng.uniform(-1.5, 1.5, count),
+        scan_angle=rng.uniform(-1.5, 1.5, count),
+        intensity=rng.random(count),
+        width=rng.uniform(1e-9, 9e-9, count),
+        true_range=rng.uniform(1, 50, count),
+        returns=returns,
+        pulses=2 * count,
+        engine="test",
+    )
+
+
+@pytest.mark.parametrize("name", ["a.las", "a.laz"])
+@pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (465_000.25, 5_473_000.125, 110.5)])
+def test_everything_comes_back(tmp_path, name, offset):
+    written = cloud()
+    write_las(tmp_path / name, records(written, offset))
+    las = laspy.read(tmp_path / name)
+    assert str(las.header.version) == "1.4"
+    assert las.header.point_format.id == 6
+    assert np.abs(las.xyz - (written.position + np.array(offset))).max() <= 0.5e-4 + 1e-9
+    for label in LABELS:
+        assert (np.asarray(las[label]) == getattr(written.returns, label)).all(), label
+    assert (np.asarray(las["object"]) == written.returns.instance).all()
+    assert (np.asarray(las.classification) == np.array([1, 5, 5, 2])[written.returns.organ]).all()
+    assert np.asarray(las.scan_angle) * 0.006 == pytest.approx(
+        np.rad2deg(written.scan_angle), abs=0.0031
+    )
+    assert (np.asarray(las.return_number) == written.number).all()
+    assert (np.asarray(las.number_of_returns) == written.count).all()
+    assert (np.asarray(las.gps_time) == written.time).all()
+    assert (np.asarray(las["true_range"]) == written.true_range).all()
+    assert (np.asarray(las["range"]) == written.returns.distance).all()
+    assert np.asarray(las["amplitude"]) == pytest.approx(written.intensity, rel=1e-6)
+    assert np.asarray(las["width"]) == pytest.approx(written.width * 1e9, rel=1e-6)
+    assert np.cos(np.deg2rad(np.asarray(las["incidence"]))) == pytest.approx(
+        written.returns.cos_incidence, abs=1e-6
+    )
+    normal = np.stack([np.asarray(las[name]) for name in ("nx", "ny", "nz")], axis=1)
+    assert normal == pytest.approx(written.returns.normal, abs=1e-6)
+
+
+def test_the_header_by_hand(tmp_path):
+    written = cloud()
+    write_las(tmp_path / "a.las", records(written))
+    raw = (tmp_path / "a.las").read_bytes()
+    assert raw[:4] == b"LASF"
+    assert (raw[24], raw[25]) == (1, 4)
+    assert struct.unpack_from("<Q", raw, 247)[0] == 500  # number of points, LAS 1.4 R15 table 3
+    assert raw[104] & 0x3F == 6
+    returns = struct.unpack_from("<15Q", raw, 255)
+    assert list(returns) == np.bincount(written.number, minlength=16)[1:].tolist()
+    start, size = struct.unpack_from("<I", raw, 96)[0], struct.unpack_from("<H", raw, 105)[0]
+    assert len(raw) == start + 500 * size
+    scale, offset = struct.unpack_from("<3d", raw, 131), struct.unpack_from("<3d", raw, 155)
+    first = np.array(struct.unpack_from("<3i", raw, start)) * scale + offset
+    assert first == pytest.approx(written.position[0], abs=0.51e-4)
+    high_x, low_x = struct.unpack_from("<2d", raw, 179)
+    assert (low_x, high_x) == pytest.approx(
+        (written.position[:, 0].min(), written.position[:, 0].max()), abs=0.51e-4
+    )
+
+
+def test_intensity_is_a_level_in_decibels():
+    level = intensity_level(np.array([1.0, 0.5, 1e-4, 1e-10, 0.0, 1e9]))
+    decibels = level / 500 - 100
+    assert decibels[:4] == pytest.approx([0, -3.0103, -40, -100], abs=0.001)
+    assert level[4:].tolist() == [0, 65535]
+
+
+def test_a_cloud_wider_than_two_hundred_kilometres(tmp_path):
+    rows = np.zeros(2, dtype=POINT)
+    rows["x"] = [0.0, 1.5e6]
+    write_las(tmp_path / "a.las", rows)
+    assert laspy.read(tmp_path / "a.las").x == pytest.approx([0, 1.5e6], abs=0.5e-3)
+
+
+def test_npz_and_wav(tmp_path):
+    for name in ("a.npz", "b.npz"):
+        write_npz(tmp_path / name, {"x": np.arange(5.0)}, {"x": "m"})
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    with np.load(tmp_path / "a.npz") as data:
+        assert data["x"].tolist() == [0, 1, 2, 3, 4]
+        assert str(data["x_unit"]) == "m"
+    samples = np.array([0.0, -3.5, 2.25, 1e-9])
+    write_wav(tmp_path / "a.wav", samples, 24000.0)
+    raw = (tmp_path / "a.wav").read_bytes()
+    assert raw[:4] == b"RIFF"
+    data = raw[raw.index(b"data") + 8 :]
+    assert np.frombuffer(data, "<f4").tolist() == samples.astype(np.float32).tolist()
+    assert struct.unpack_from("<HHI", raw, raw.index(b"fmt ") + 8) == (3, 1, 24000)  # IEEE float
+    with pytest.raises(ValueError, match="whole number of hertz"):
+        write_wav(tmp_path / "b.wav", samples, 22050.5)
+
+
+# ---------------------------------------------------------------------------------------------- copc
+# A cloud as COPC: an octree as readers expect it, of any cloud, with every point once.
+
+REAL = Path(os.environ.get("FOREST_MEASURED", "../shared/data/measured")) / "clouds"
+
+
+def written(path, place):
+    rows = np.zeros(len(place), POINT)
+    for axis, name in enumerate("xyz"):
+        rows[name] = place[:, axis]
+    rows["tree"] = np.arange(len(place))
+    write_las(path, rows)
+    return rows
+
+
+def place_of(points):
+    return np.column_stack([points.x, points.y, points.z])
+
+
+def clumped():
+    """A ground, two dense crowns and 6,000 points in one place."""
+    rng = np.random.default_rng(2)
+    return np.concatenate(
+        [
+            rng.random((40_000, 3)) * [80, 60, 0.2],
+            rng.normal([20, 20, 9], 0.4, (30_000, 3)),
+            rng.normal([61, 33, 12], 0.1, (20_000, 3)),
+            np.tile([5.0, 5.0, 1.0], (6_000, 1)),
+        ]
+    )
+
+
+def test_each_point_is_in_one_node_that_holds_it():
+    place = clumped() - clumped().min(axis=0)
+    edge = float(place.max()) * 1.0001
+    seen, keys = [], set()
+    for (depth, *corner), points in nodes(place, edge):
+        side = edge / 2**depth
+        low = np.array(corner) * side
+        assert (place[points] >= low - 1e-9).all()
+        assert (place[points] <= low + side + 1e-9).all()
+        assert depth == 0 or (depth - 1, *(c // 2 for c in corner)) in keys  # no orphans
+        keys.add((depth, *corner))
+        seen.append(points)
+    assert max(depth for depth, *_ in keys) >= 4
+    assert (np.sort(np.concatenate(seen)) == np.arange(len(place))).all()
+
+
+@pytest.mark.medium
+def test_coarse_nodes_are_an_even_sample():
+    place = clumped() - clumped().min(axis=0)
+    edge = float(place.max()) * 1.0001
+    ((depth, *_), points), *_ = nodes(place, edge)
+    assert depth == 0
+    cells = np.unique((place[points] / edge * CELLS).astype(int), axis=0)
+    assert len(cells) == len(points)  # one a cell, and every cell that holds any
+    assert len(cells) == len(np.unique((place / edge * CELLS).astype(int), axis=0))
+
+
+@pytest.mark.medium
+def test_another_reader_finds_what_lies_in_a_box(tmp_path):
+    place = clumped()
+    written(tmp_path / "a.copc.laz", place)
+    low, high = np.array([15.0, 10.0, 5.0]), np.array([30.0, 25.0, 15.0])
+    with laspy.CopcReader.open(tmp_path / "a.copc.laz") as reader:
+        found = reader.query(bounds=laspy.copc.Bounds(low, high))
+        coarse = reader.query(resolution=2.0)
+    inside = ((place >= low) & (place <= high)).all(axis=1)
+    there = place_of(found)
+    rows = ((there >= low) & (there <= high)).all(axis=1)
+    assert set(np.asarray(found["tree"])[rows]) == set(np.flatnonzero(inside))
+    assert 100 < len(coarse) < len(place) / 2
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the measured clouds are not here")
+def test_a_real_cloud_keeps_every_point(tmp_path):
+    place = np.asarray(laspy.read(REAL / "spanner_ALS.laz").xyz)
+    written(tmp_path / "a.copc.laz", place)
+    with laspy.CopcReader.open(tmp_path / "a.copc.laz") as reader:
+        found = reader.query()
+    order = np.argsort(np.asarray(found["tree"]))
+    assert np.abs(place_of(found)[order] - place).max() <= 0.51e-4

@@ -6,6 +6,7 @@ memory they hold is measured: the process after the allocator gave back what it 
 """
 
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("bpy")
+
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRST, RUNS = 2, 4
@@ -99,3 +101,62 @@ def test_runs_in_one_process_keep_nothing(tmp_path):
     assert not told["grown"]
     a_run = (told["memory"][-1] - told["memory"][FIRST - 1]) / (RUNS - FIRST)
     assert a_run < LIMIT, told["memory"]
+
+
+# ----------------------------------------------------------------------------------------- interrupt
+# Ctrl-C at any moment, also while modules are imported: one line, exit code 130.
+
+SCAN = """
+[[plantings]]
+species = "whorl-8"
+variants = 1
+expected = 1
+exact = true
+[[sensors]]
+kind = "terrestrial"
+angle_step_deg = 10
+[output]
+pictures = false
+"""
+WHEN = """
+import os, runpy, sys
+
+class Finger:
+    def find_spec(self, name, path=None, target=None):
+        if name == {moment!r}:
+            os.kill(os.getpid(), 2)
+
+sys.meta_path.insert(0, Finger())
+sys.argv = ["headless", "run", {scene!r}, "--out", {out!r}]
+runpy.run_module("headless", run_name="__main__", alter_sys=True)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "moment",
+    [
+        "signal",
+        *("headless.cli", "headless.commands", "cattrs", "bpy", "addon_utils"),
+        *("numpy._core.multiarray", "laspy"),
+    ],
+)
+def test_ctrl_c_during_an_import(tmp_path, moment):
+    text = WHEN.format(moment=moment, scene=str(tmp_path / "s.toml"), out=str(tmp_path / "o"))
+    (tmp_path / "s.toml").write_text(SCAN)
+    done = subprocess.run(
+        [sys.executable, "-c", text],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    lines = (done.stdout + done.stderr).split("\n")
+    if moment == "signal":  # the first of all
+        assert (done.returncode, lines) == (-signal.SIGINT, [""])
+        return
+    assert done.returncode == 130, done.stderr
+    assert [line for line in lines if line.startswith("interrupted; ")], lines
+    assert not [line for line in lines if "Traceback" in line or "Error" in line], lines
+    assert not list(tmp_path.glob("o/.*partial*"))

@@ -1,8 +1,10 @@
 """A whole run, as a user starts it: a process, a scene file, an output folder."""
 
+import csv
 import json
 import re
 import shutil
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +13,18 @@ import laspy
 import numpy as np
 import pytest
 from references import gltf
+from scipy.io import loadmat
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon import api as forest
 from forest_addon.blender.rays.casters import embree_problem
 from forest_addon.formats.ownership import RECORD
+from forest_addon.results.coordinates import on_the_map
+from forest_addon.spec import Accuracy, Forest, Output, Planting, Reverb, Scene, Targets
+from forest_addon.ui import registered
+from forest_addon.ui.settings.exchange import from_spec, to_spec
+from headless.pipeline import run_scene
 from headless.report.page import viewer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -163,22 +172,12 @@ def test_the_same_seed_gives_the_same_results_in_another_process(headless, done,
 
 
 @pytest.mark.slow
-def test_another_seed_gives_another_forest(headless, done, tmp_path):
-    bare = tmp_path / "bare.toml"
-    text = SMALL.read_text().split("[[sensors]]")[0]
-    bare.write_text(text + BARE)
-    assert headless("run", bare, "--out", tmp_path / "o", "--seed", 4).returncode == 0
-    assert (tmp_path / "o" / "trees.csv").read_bytes() != (done[0] / "trees.csv").read_bytes()
-
-
-@pytest.mark.slow
 def test_without_trees_the_sensors_see_the_ground_only(headless, tmp_path):
     scene = tmp_path / "none.toml"
-    text = SMALL.read_text().replace("expected = 4", "expected = 0")
-    scene.write_text(text)
+    text = SMALL.read_text().split("[output]")[0].replace("expected = 4", "expected = 0")
+    scene.write_text(text + BARE)
     ended = headless("run", scene, "--out", tmp_path / "o")
     assert ended.returncode == 0, ended.stderr
-    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == [RECORD, *RESULTS]
     with np.load(tmp_path / "o" / "scan.npz") as scan:
         assert set(np.unique(scan["organ"])) == {-1, 3}
     with np.load(tmp_path / "o" / "echo.npz") as echo:
@@ -259,3 +258,349 @@ def test_sensors_that_meet_nothing_are_reported_too(headless, tmp_path):
         assert cloud.header.point_count == 0
     for picture in ("cloud.png", "scan.png", "echo.png", "reverb.png"):
         assert (tmp_path / "out" / picture).stat().st_size > 5000
+
+
+# -------------------------------------------------------------------------------------------- output
+# What ``[output]`` switches off is neither made nor paid for; all else stays as it is.
+
+STAND = """
+seed = 5
+[forest]
+size = [20, 20]
+[[plantings]]
+species = "hazelnut"
+variants = 1
+expected = 12
+exact = true
+[[sensors]]
+kind = "terrestrial"
+name = "cloud"
+position = [10, 10, 1.6]
+angle_step_deg = 4
+[output]
+blend = false
+glb = false
+preview = false
+"""
+OFF = "pictures = false\ngoodness = false\nleaves = false\nreport = false\n"
+ALWAYS = ["cloud.laz", "leaf_angles.csv", "run.json", "trees.csv"]
+HEAVY = ("matplotlib", "scipy.signal", "scipy.stats")
+
+
+def run(scene, out):
+    """A run in a process of its own: which heavy packages it imported."""
+    code = (
+        "import sys; from headless.cli import main\n"
+        f"assert main(['run', {str(scene)!r}, '--out', {str(out)!r}, '--quiet']) == 0\n"
+        f"print(*[name for name in {HEAVY} if name in sys.modules])"
+    )
+    words = [sys.executable, "-c", code]
+    return subprocess.run(
+        words, cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.split()
+
+
+@pytest.mark.slow
+def test_what_is_switched_off_is_not_made_nor_imported(tmp_path, headless, quick):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(STAND + OFF)
+    assert run(scene, tmp_path / "bare") == []
+    assert sorted(file.name for file in (tmp_path / "bare").iterdir()) == [RECORD, *ALWAYS]
+    scene.write_text(STAND)
+    assert headless("run", scene, "--out", tmp_path / "all").returncode == 0
+    pictures = ["cloud.png", "goodness.png", "stand.png"]
+    made = sorted(file.name for file in (tmp_path / "all").iterdir())
+    assert made == sorted([RECORD, *ALWAYS, *pictures, "leaves.npz", "report.html"])
+    for name in ALWAYS:
+        if name != "run.json":  # which says how long it took
+            same = (tmp_path / "all" / name).read_bytes() == (tmp_path / "bare" / name).read_bytes()
+            assert same, name
+    bare, whole = (
+        json.loads((tmp_path / name / "run.json").read_text())["results"]
+        for name in ("bare", "all")
+    )
+    del whole["Where the trees stand"]
+    assert bare == whole
+
+
+@pytest.mark.slow
+def test_without_pictures_the_test_of_the_stand_is_still_told(tmp_path, headless, quick):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        STAND.split("[[sensors]]")[0]
+        + "[output]\n"
+        + STAND.split("[output]\n")[1]
+        + "pictures = false\n"
+    )
+    assert headless("run", scene, "--out", tmp_path / "out").returncode == 0
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert "L function" in record["results"]["Where the trees stand"]
+    assert not list((tmp_path / "out").glob("*.png"))
+    assert "<img" not in (tmp_path / "out" / "report.html").read_text()
+
+
+# ------------------------------------------------------------------------------------------- targets
+# A run of trees with targets: the report, run.json and trees.csv say target and reached.
+
+LIST = "x,y,dbh,height,leaf_area\n2,2,0.10,8.0,20\n5,5,0.12,9.0,25\n"
+OUTPUT = Output(blend=False, glb=False, preview=False, pictures=False)
+
+
+@pytest.mark.slow
+def test_the_report_says_target_and_reached(tmp_path, capsys):
+    (tmp_path / "plot.csv").write_text(LIST)
+    measured = Planting(
+        species="honda-birch",
+        layout="list",
+        trees="plot.csv",
+        variants=2,
+        targets=Targets(allometry="betula"),
+    )
+    plain = Planting(species="grass", layout="list", trees="plot.csv", variants=1)
+    scene = Scene(forest=Forest(size=(10, 10)), plantings=(measured, plain), output=OUTPUT)
+    run_scene(scene, tmp_path, tmp_path / "out")
+    told = json.loads((tmp_path / "out/run.json").read_text())
+    assert told["targets"]["honda-birch"]["measures"]["leaf_area"]["target"] == [20, 22.5, 25]
+    assert told["targets"]["honda-birch"]["allometry"] == "Betula"
+    assert list(told["targets"]) == ["honda-birch"]
+    page = (tmp_path / "out/report.html").read_text()
+    assert "What the trees were to measure" in page
+    assert "honda-birch: leaf area" in page
+    assert "grass: its list gives dbh and height and leaf_area" in page
+    assert "Warning: grass: its list gives" in capsys.readouterr().err
+    with open(tmp_path / "out/trees.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["target_leaf_area_m2"] for row in rows] == ["20.0", "25.0", "", ""]
+    assert rows[0]["in_band"] in ("0", "1")
+    assert rows[2]["in_band"] == rows[2]["not_met"] == ""
+
+
+# --------------------------------------------------------------------------------------- coordinates
+# One rule of coordinates for all files of numbers: the same scene with and without an offset.
+
+COORDINATES_SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
+OFFSET = (432100.25, 5612300.5, 130.0)
+PLAIN = """[output]
+pictures = false
+goodness = false
+report = false
+preview = false
+qsm = true
+"""
+
+
+def columns(path):
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def numbers(table, names):
+    return np.array([[float(value) for value in table[name]] for name in names]).T
+
+
+@pytest.mark.slow
+def test_every_file_has_the_offset(headless, tmp_path):
+    text = COORDINATES_SMALL[: COORDINATES_SMALL.index("[output]")].replace(
+        "cull = 0.01", "cull = 0.01\ncontributions = true"
+    )
+    for name, head in (("near", ""), ("far", f'offset = {list(OFFSET)}\ncrs = "EPSG:32632"\n')):
+        (tmp_path / f"{name}.toml").write_text(head + text + PLAIN)
+        done = headless("run", tmp_path / f"{name}.toml", "--out", tmp_path / name)
+        assert done.returncode == 0, done.stderr
+    near, far = tmp_path / "near", tmp_path / "far"
+    tables = columns(near / "trees.csv"), columns(far / "trees.csv")
+    places = [numbers(table, ("x_m", "y_m", "z_m")) for table in tables]
+    assert np.allclose(places[1] - places[0], OFFSET, rtol=0, atol=1e-8)
+    assert {k: v for k, v in tables[0].items() if k[1:] != "_m"} == {
+        k: v for k, v in tables[1].items() if k[1:] != "_m"
+    }
+    for file, key in (("leaves", "centre"), ("echo", "position"), ("echo-heard", "position")):
+        with np.load(near / f"{file}.npz") as here, np.load(far / f"{file}.npz") as there:
+            assert len(np.atleast_2d(here[key]))
+            assert np.allclose(there[key] - here[key], OFFSET, rtol=0, atol=1e-8), file
+            assert {k for k in here if k != key and not np.array_equal(here[k], there[k])} == set()
+    tables = [columns(folder / "cylinders.csv") for folder in (near, far)]
+    for ends in ("start", "end"):
+        here, there = (numbers(table, [f"{ends}{axis}" for axis in "XYZ"]) for table in tables)
+        assert len(here)
+        assert np.allclose(there - here, OFFSET, rtol=0, atol=2e-5)  # digits of the table
+    models = [
+        loadmat(next((folder / "qsm").iterdir()), simplify_cells=True) for folder in (near, far)
+    ]
+    here, there = (model["QSM"]["cylinder"]["start"] for model in models)
+    assert np.allclose(there - here, OFFSET, rtol=0, atol=1e-8)
+    clouds = [laspy.read(folder / "cloud.laz") for folder in (near, far)]
+    assert np.allclose(clouds[1].xyz - clouds[0].xyz, OFFSET, rtol=0, atol=2e-4)
+    note = (far / "coordinates.txt").read_text()
+    assert "metres in EPSG:32632; the offset 432100.25, 5612300.5, 130 has been added" in note
+    assert not (near / "coordinates.txt").exists()
+    raw = (far / "forest.glb").read_bytes()
+    told = json.loads(raw[20 : 20 + struct.unpack_from("<I", raw, 12)[0]])
+    assert told["scenes"][0]["extras"]["offset_m"] == list(OFFSET)
+    bpy.ops.wm.open_mainfile(filepath=str(far / "forest.blend"))
+    assert tuple(bpy.context.scene["offset_m"]) == OFFSET
+
+
+@pytest.mark.medium
+def test_trees_that_were_written_are_planted_where_they_stood(headless, tmp_path):
+    text = COORDINATES_SMALL[: COORDINATES_SMALL.index("[[sensors]]")]
+    (tmp_path / "a.toml").write_text(f"offset = {list(OFFSET)}\n" + text)
+    done = headless("stand", tmp_path / "a.toml", "--out", tmp_path / "a.csv")
+    assert done.returncode == 0, done.stderr
+    first = (tmp_path / "a.csv").read_text().splitlines()[0]
+    assert first == "id,species,x,y,z,scale,rotation,variant"  # as pandas reads it
+    assert "has been added" in (tmp_path / "a-coordinates.txt").read_text()
+    listed = text.replace("expected = 4", 'layout = "list"\ntrees = "a.csv"')
+    (tmp_path / "b.toml").write_text(f"offset = {list(OFFSET)}\n" + listed)
+    assert headless("stand", tmp_path / "b.toml", "--out", tmp_path / "b.csv").returncode == 0
+    places = [numbers(columns(tmp_path / f"{name}.csv"), "xy") for name in "ab"]
+    assert len(places[0])
+    assert np.allclose(*places, rtol=0, atol=1e-8)
+
+
+def test_a_scene_without_offset_is_as_it_was():
+    table = {"x_m": [1.5], "centre": np.eye(3), "tree": [7]}
+    assert on_the_map(table, (0.0, 0.0, 0.0)) == table
+    moved = on_the_map(table, OFFSET)
+    assert moved["x_m"] == [1.5 + OFFSET[0]]
+    assert moved["tree"] == [7]
+    assert table["x_m"] == [1.5]
+
+
+# -------------------------------------------------------------------------------------------- detail
+# A run that models no more than its sensors need: the same sound, and what was left out in words.
+
+QUIET = Output(goodness=False, pictures=False, blend=False, glb=False, preview=False)
+
+
+@pytest.mark.slow
+def test_a_clap_sounds_the_same_without_leaves(tmp_path):
+    clap = Reverb(source=(-3, 3, 0.2), receiver=(9, 3, 0.2), sample_rate=8000, duration=0.1)
+    bush = Planting(species="hazelnut", variants=1, expected=2, exact=True)
+    full = Scene(
+        seed=4, forest=Forest(size=(6, 6)), plantings=(bush,), sensors=(clap,), output=QUIET
+    )
+    for detail in ("full", "auto"):
+        asked = full.changed(accuracy=Accuracy(detail=detail))
+        run_scene(asked, tmp_path, tmp_path / detail, quiet=True)
+    record = {d: json.loads((tmp_path / d / "run.json").read_text()) for d in ("full", "auto")}
+    assert "chosen" not in record["full"]
+    (chosen,) = record["auto"]["chosen"]
+    assert (chosen["key"], chosen["bound"]) == ("detail.leaves", 0.0)
+    assert "was left to auto" in (tmp_path / "auto" / "report.html").read_text()
+    unique = {d: record[d]["triangles"]["unique"] for d in record}
+    assert unique["auto"] < 0.8 * unique["full"]
+    left_out = record["auto"]["sensors"]["reverb"].get("chosen", [])
+    sounds = [(tmp_path / d / "reverb.wav").read_bytes() for d in ("full", "auto")]
+    assert left_out or sounds[0] == sounds[1]
+
+
+# ------------------------------------------------------------------------------------- blend sensors
+# Sensors that live in a .blend file, run without a window, and the command that a usage line names.
+
+WINDY = forest.Scene(
+    name="Windy",
+    seed=5,
+    forest=forest.Forest(size=(6, 6), margin=2),
+    plantings=(forest.Planting(species="hazelnut", variants=1, expected=3, exact=True),),
+    wind=forest.Wind(speed=8),
+    sensors=(
+        forest.Terrestrial(name="cloud", position=(3, 3, 1), angle_step_deg=4),
+        forest.Sonar(name="echo", position=(-1, 3, 1), max_range=4),
+    ),
+)
+
+
+def saved(path, settings, *, grow):
+    """A .blend file as the panel leaves it; returns the settings that the panel holds."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with registered():
+        from_spec(bpy.context.scene, settings)
+        if grow:
+            assert bpy.ops.forest.build() == {"FINISHED"}
+        bpy.ops.wm.save_as_mainfile(filepath=str(path))
+        return to_spec(bpy.context.scene)
+
+
+@pytest.mark.slow
+def test_sensors_of_a_blend_file_find_what_the_api_finds_in_the_wind(headless, tmp_path):
+    blend, out = tmp_path / "windy.blend", tmp_path / "o"
+    settings = saved(blend, WINDY, grow=True)
+    before = blend.read_bytes()
+    ended = headless("run", blend, "--out", out)
+    assert ended.returncode == 0, ended.stderr
+    assert "stand still" not in ended.stderr
+    assert blend.read_bytes() == before
+    made = {p.name for p in out.iterdir()}
+    pictures = {"cloud.png", "echo.png", "report.html"}
+    assert made == {RECORD, "cloud.laz", "echo.npz", "echo.wav", "run.json"} | pictures
+    record = json.loads((out / "run.json").read_text())
+    assert record["settings"]["blend"] == "windy.blend"
+    assert set(record["sensors"]) == {"cloud", "echo"}
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    world = forest.build(settings)  # grown anew, so nothing comes from the file
+    for sensor, name in zip(settings.sensors, ("cloud.laz", "echo.npz"), strict=True):
+        world.look(sensor).save(tmp_path / name)
+    ours, theirs = (laspy.read(folder / "cloud.laz") for folder in (out, tmp_path))
+    assert len(ours.points) > 500
+    assert np.array_equal(ours.points.array, theirs.points.array)
+    ours, theirs = (np.load(folder / "echo.npz") for folder in (out, tmp_path))
+    assert sorted(ours.files) == sorted(theirs.files)
+    assert all(np.array_equal(ours[name], theirs[name]) for name in ours.files)
+    calm = forest.build(settings.changed(wind=forest.Wind())).look(settings.sensors[0])
+    calm.save(tmp_path / "calm.laz")
+    assert not np.array_equal(
+        laspy.read(tmp_path / "calm.laz").xyz, laspy.read(out / "cloud.laz").xyz
+    )
+
+
+def test_a_blend_file_without_sensors_or_things_says_so(headless, tmp_path):
+    bare = WINDY.changed(wind=forest.Wind())
+    blend, out = tmp_path / "bare.blend", tmp_path / "o"
+    saved(blend, bare.changed(sensors=()), grow=False)
+    ended = headless("run", blend, "--out", out)
+    assert (ended.returncode, "add one in the panel" in ended.stderr) == (2, True)
+    saved(blend, bare, grow=False)
+    ended = headless("run", blend, "--out", out)
+    assert (ended.returncode, "has nothing to scan" in ended.stderr) == (2, True)
+    ended = headless("run", blend, "--out", out, "--seed", 3)
+    assert (ended.returncode, "belongs to a scene file" in ended.stderr) == (2, True)
+
+
+@pytest.mark.medium
+def test_centimetres_become_metres_and_a_warning_says_so(headless, tmp_path):
+    blend, out = tmp_path / "cm.blend", tmp_path / "o"
+    scanner = forest.Terrestrial(name="cloud", position=(300, 0, 0), angle_step_deg=1)
+    saved(blend, forest.Scene(sensors=(scanner,)), grow=False)
+    bpy.ops.mesh.primitive_cube_add(size=200)
+    bpy.context.scene.unit_settings.scale_length = 0.01
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    ended = headless("run", blend, "--out", out)
+    assert (ended.returncode, "a unit is made 0.01 m" in ended.stderr) == (0, True)
+    cloud = laspy.read(out / "cloud.laz")
+    assert len(cloud.points) > 100
+    assert np.abs(cloud.x - 1).max() < 0.1  # noise of ranges; it sees the face towards it alone
+    assert np.abs(cloud.xyz[:, 1:]).max() == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (("--python", "headless/in_blender.py", "--"), ("run",)),
+        (("scene.blend", "--command", "forest"), ("run",)),
+    ],
+)
+def test_the_usage_line_names_the_command_that_was_typed(tmp_path, before, after):
+    code = (
+        "import runpy, sys; "
+        f"sys.argv = {['/usr/bin/blender', '-b', *before, *after, '--help']!r}; "
+        f"runpy.run_path({str(ROOT / 'headless' / 'in_blender.py')!r})['run']({[*after, '--help']!r})"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.startswith(f"usage: blender -b {' '.join(before)} run ")

@@ -1,9 +1,15 @@
 """Every command in a folder full of a user's files: each byte of theirs stays; its own are renewed."""
 
+import errno
 import json
 import os
 import re
+import resource
 import shutil
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +17,22 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.dataset_runs import PLAN
+from references.model_tree import tree
+
+from forest_addon.api import World
 from forest_addon.formats import atomic
+from forest_addon.formats.atomic import replacing
 from forest_addon.formats.ownership import RECORD, Keeper, keeping
+from forest_addon.formats.ply import PlyFile
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.wav import write_wav
-from headless import commands
+from forest_addon.results.packed import read_values, write_values
+from headless.command import name_of
 from headless.commands import COMMANDS
 from headless.dataset.engine import Worker
-from tests.references.dataset_runs import PLAN
-from tests.references.model_tree import tree
+from headless.lock import only_one
+from headless.unfinished import kind_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
@@ -109,7 +122,8 @@ def run(headless, inputs, tmp_path, monkeypatch, quick):
     here = tmp_path / "here"
     shutil.copytree(inputs, here)
     monkeypatch.chdir(here)
-    monkeypatch.setattr(commands.demo, "DEMO", here / "tiny.toml")
+    demo = next(command for command in COMMANDS if command.name == "demo")
+    monkeypatch.setitem(demo.fixed, "scene", here / "tiny.toml")
     monkeypatch.setattr("headless.report.trees.ICON", 24)
     return lambda name, out, *more: headless(*WORDS[name].format(out=out).split(), *more)
 
@@ -295,3 +309,334 @@ def test_every_process_takes_the_environment_of_a_child():
         text = path.read_text(encoding="utf-8")
         if "sys.executable" in text and re.search(r"subprocess\.(run|Popen)\(", text):
             assert "environment_of_child(" in text, path
+
+
+# ----------------------------------------------------------------------------------------- bad input
+# Bad input ends with one clear sentence and exit code 2; trouble while running keeps what is whole.
+
+BAD_INPUT_SMALL = Path(__file__).with_name("small.toml")
+
+
+def start(*words, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "headless", *map(str, words)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def ended(process):
+    _, said = process.communicate(timeout=900)
+    assert "Traceback" not in said
+    return process.returncode, said
+
+
+def one_sentence(code, said, expected=2):
+    assert code == expected, said
+    lines = [line for line in said.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1, said
+    return lines[0]
+
+
+@pytest.fixture
+def refused(headless):
+    """The one sentence with which a command ends that cannot be done."""
+
+    def run(*words):
+        done = headless(*words)
+        return one_sentence(done.returncode, done.stderr)
+
+    return run
+
+
+def scene_with(tmp_path, text):
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[forest]\nsize = [-3, 4]", "forest.size[0]: -3 m is out of range; use larger than 0"),
+        ("[forest]\nsise = [3, 4]", 'forest.sise: is not known; did you mean "size"?'),
+        ("this is not toml", "is not TOML"),
+        ('[[plantings]]\nspecies = "oak"\nexpected = 2', "use one of abop-monopodial-a"),
+        ('[[plantings]]\nspecies = "oak.toml"\nexpected = 2', "there is no such file"),
+        (
+            '[[plantings]]\nspecies = "maple"\nexpected = 3\n'
+            "gaussians = [{ centre = [9e6, 0], width = [1, 1] }]",
+            "put nothing on the field",
+        ),
+        ('[[plantings]]\nspecies = "maple"\nexpected = 1e9', "plantings[0].expected"),
+    ],
+)
+def test_scenes_that_cannot_be_used(refused, tmp_path, text, words):
+    scene = scene_with(tmp_path, text)
+    said = refused("run", scene, "--out", tmp_path / "o")
+    assert words in said
+    assert not (tmp_path / "o" / "run.json").exists()
+
+
+@pytest.mark.medium
+def test_a_missing_scene_file(tmp_path):
+    """In a process of its own: its exit code and its words are what a shell gets."""
+    said = one_sentence(*ended(start("run", tmp_path / "none.toml", "--out", tmp_path / "o")))
+    assert "none.toml: there is no such file" in said
+
+
+def test_a_negative_seed(refused):
+    assert "--seed: -1 is out of range" in refused("run", BAD_INPUT_SMALL, "--seed", "-1")
+
+
+@pytest.mark.parametrize("trouble", ["missing", "not an STL", "cut off"])
+def test_template_files_that_cannot_be_used(refused, tmp_path, trouble):
+    wood = tmp_path / "wood.stl"
+    whole = (ROOT / "assets" / "templates" / "maple" / "wood.stl").read_bytes()
+    if trouble == "not an STL":
+        wood.write_text("<html>not found</html>")
+    elif trouble == "cut off":
+        wood.write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "mine.toml").write_text('name = "mine"\n[template]\nwood = "wood.stl"\n')
+    scene = scene_with(tmp_path, '[[plantings]]\nspecies = "mine.toml"\nexpected = 2')
+    said = refused("run", scene, "--out", tmp_path / "o")
+    assert "mine.toml" in said
+    assert "wood.stl" in said
+
+
+def test_an_output_folder_that_cannot_be_written_to(refused, tmp_path):
+    (tmp_path / "file").write_text("x")
+    said = refused("run", BAD_INPUT_SMALL, "--out", tmp_path / "file" / "o")
+    assert "cannot be written to" in said
+    assert "choose another folder" in said
+
+
+def no_half_written_files(out):
+    assert not [p.name for p in out.iterdir() if "partial" in p.name]
+
+
+def without_sensors(tmp_path, output="preview = false\n"):
+    """A forest and its files, without pictures: what matters here is how writing ends."""
+    text = BAD_INPUT_SMALL.read_text().split("[[sensors]]")[0]
+    off = "pictures = false\ngoodness = false\nreport = false\n"
+    return scene_with(tmp_path, text + "[output]\n" + off + output)
+
+
+@pytest.mark.slow
+def test_a_full_disk(tmp_path):
+    """A folder of 1 MB: tables fit, what Blender writes does not."""
+    scene = without_sensors(tmp_path)
+    out = tmp_path / "disk"
+    out.mkdir()
+    if not shutil.which("unshare"):
+        pytest.skip("a small disk needs util-linux' unshare")
+    inside = (
+        f"mount -t tmpfs -o size=1m tmpfs {out} && {sys.executable} -m headless run {scene} --out {out}"
+        f"; code=$?; ls -A {out}; exit $code"
+    )
+    process = subprocess.run(
+        ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", inside],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
+    if "mount:" in process.stderr or "unshare:" in process.stderr:
+        pytest.skip("this system lets nobody mount a small disk")
+    assert process.returncode == 1, process.stderr
+    assert "Traceback" not in process.stderr
+    lines = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    assert "disk" in lines[0]
+    files = process.stdout.split()
+    assert "trees.csv" in files
+    assert "run.json" not in files
+    assert not [name for name in files if "partial" in name]
+
+
+@pytest.mark.slow
+def test_a_file_that_may_not_grow(tmp_path):
+    """Without mounting: the system refuses files above 400 kB with EFBIG."""
+
+    def limit():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
+
+    out = tmp_path / "o"
+    process = start("run", without_sensors(tmp_path), "--out", out, preexec_fn=limit)
+    said = one_sentence(*ended(process), 1)
+    assert "disk" in said or os.strerror(errno.EFBIG) in said
+    assert (out / "trees.csv").exists()
+    no_half_written_files(out)
+
+
+def interrupt_when(process, ready, patience=900):
+    end = time.monotonic() + patience
+    while not ready():
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    return ended(process)
+
+
+@pytest.mark.slow
+def test_ctrl_c_between_sensors_keeps_finished_files(tmp_path):
+    out = tmp_path / "o"
+    process = start("run", BAD_INPUT_SMALL, "--out", out)
+    code, said = interrupt_when(process, (out / "trees.csv").exists)
+    assert code == 130
+    assert "interrupted; finished files are kept" in said
+    assert (out / "trees.csv").exists()
+    assert not (out / "run.json").exists()
+    no_half_written_files(out)
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_long_render(tmp_path):
+    """The render would take an hour, longer than a test waits; all else is written before."""
+    picture = 'preview = "cycles"\npreview_size = [800, 600]\npreview_samples = 65536\n'
+    scene = without_sensors(tmp_path, picture)
+    out = tmp_path / "o"
+    process = start("run", scene, "--out", out)
+
+    def rendering():
+        if not (out / "run.json").exists():
+            return False
+        time.sleep(0.5)
+        return True
+
+    code, said = interrupt_when(process, rendering)
+    assert code == 130
+    assert "interrupted; finished files are kept" in said
+    assert all((out / name).exists() for name in ("forest.blend", "run.json"))
+    assert not (out / "preview.png").exists()
+    no_half_written_files(out)
+
+
+# ---------------------------------------------------------------------------------------- one folder
+# A folder of results: one command at a time, no leavings of killed ones, and a run that goes on.
+
+OFF = (
+    "pictures = false\ngoodness = false\nreport = false\nblend = false\nglb = false\n"
+    "preview = false\n[output]\n"
+)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL[: SMALL.index("[output]")] + "\n".join(["[output]", OFF[:-10]]))
+    return path
+
+
+def dead_process():
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def test_two_commands_do_not_share_a_folder(headless, scene, tmp_path):
+    out = tmp_path / "o"
+    with only_one(out):
+        done = headless("run", scene, "--out", out)
+        assert done.returncode == 2
+        assert "in use by another command" in done.stderr
+        assert os.listdir(out) == [".lock"]
+    assert not out.exists()  # nothing was written
+
+
+def test_a_folder_and_a_file_are_held_by_their_names(tmp_path):
+    class Chosen:
+        list = False
+        out = tmp_path / "a.laz"
+
+    lidar = next(command for command in COMMANDS if command.name == "lidar")
+    assert lidar.lock_file(Chosen()) == tmp_path / ".a.lock"
+    with only_one(tmp_path, ".a.lock"), only_one(tmp_path, ".b.lock"):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_killed_command_left_is_removed(tmp_path):
+    dead, alive = f".a.{dead_process()}.partial.laz", f".a.{os.getpid()}.partial.laz"
+    for name in (dead, alive, "a.partial.ply", ".other.txt"):
+        (tmp_path / name).write_text("x")
+    with only_one(tmp_path):
+        pass
+    assert {path.name for path in tmp_path.iterdir()} == {alive, "a.partial.ply", ".other.txt"}
+
+
+def test_an_error_names_the_file_that_was_meant(tmp_path):
+    with pytest.raises(FileNotFoundError) as said, replacing(tmp_path / "no" / "a.txt") as partial:
+        partial.write_text("x")
+    assert said.value.filename == str(tmp_path / "no" / "a.txt")
+
+
+def test_scenes_of_one_name_have_folders_of_their_own():
+    assert name_of(Path("elm/scene.toml")) == "elm-scene"
+    assert name_of(Path("plots/site.toml")) == "plots-site"
+    assert name_of(Path("plots/oak.toml")) == "oak"
+
+
+@pytest.mark.slow
+def test_a_run_that_was_ended_goes_on_to_the_same_bytes(headless, scene, tmp_path, monkeypatch):
+    whole, ended = tmp_path / "whole", tmp_path / "ended"
+    assert headless("run", scene, "--out", whole).returncode == 0
+    look, looked = World.look, []
+
+    def until_the_third(self, sensor, progress=None):
+        looked.append(sensor.name)
+        if len(looked) == 3:
+            raise KeyboardInterrupt
+        return look(self, sensor, progress)
+
+    monkeypatch.setattr(World, "look", until_the_third)
+    done = headless("run", scene, "--out", ended)
+    assert done.returncode == 130
+    assert "--resume goes on with it" in done.stderr
+    assert not (ended / "run.json").exists()
+    broken = next((ended / ".unfinished").glob("scan-*.npz"))
+    broken.write_bytes(broken.read_bytes()[:1000])
+    done = headless("run", scene, "--out", ended, "--resume", "--seed", "9")
+    assert done.returncode == 2
+    assert "of other settings or files" in done.stderr
+    looked[:] = ["none"] * 5
+    assert headless("run", scene, "--out", ended, "--resume").returncode == 0
+    assert looked[5:] == ["scan", "echo", "reverb"]
+    names = {path.name for path in whole.iterdir()}
+    assert {path.name for path in ended.iterdir()} == names
+    for name in names - {"run.json", RECORD}:  # how long it took, in which order
+        assert (whole / name).read_bytes() == (ended / name).read_bytes(), name
+
+
+@pytest.mark.parametrize(
+    "name", ["os:system", "numpy:memmap", "shutil:rmtree", f"{PlyFile.__module__}:PlyFile"]
+)
+def test_only_dataclasses_of_ours_are_made_of_what_lies_among_unfinished_results(tmp_path, name):
+    with open(tmp_path / "a.npz", "w+b") as file:
+        np.savez(file, tree=np.array(json.dumps([["record", name, {}]])))
+        file.seek(0)
+        with pytest.raises(ValueError, match="is of no result"):
+            read_values(file, kind_of)
+
+
+def test_values_come_back_as_they_were(tmp_path):
+    value = {
+        "numbers": (1, 2.5, True, None, "x", 3j, np.float32(0.1), np.int64(2**60)),
+        "sets": {1, 2},
+        "path": Path("a/b"),
+        ("key", 1): [np.arange(6).reshape(2, 3), range(3), slice(1, None, 2)],
+        "arrays": (np.array(["ab", "c"]), np.zeros((0, 3)), np.array(np.nan)),
+    }
+    with open(tmp_path / "a.npz", "w+b") as file:
+        write_values(file, [value])
+        file.seek(0)
+        (back,) = read_values(file, kind_of)
+    np.testing.assert_equal(back, value)
+    assert type(back["numbers"][6]) is np.float32
+    with open(tmp_path / "b.npz", "wb") as file, pytest.raises(TypeError, match="is of no result"):
+        write_values(file, [[print]])

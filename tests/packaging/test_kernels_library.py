@@ -1,9 +1,12 @@
 """The library is the one of the sources beside it; without it numpy computes, and it is said why."""
 
+import ctypes
+import os
 import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from references.scripts import ROOT, script
 
@@ -82,3 +85,145 @@ def test_sources_that_do_not_compile_leave_the_library_as_it_was(built):
     (built / "broken.c").write_text("int unused(void) { int x; return 0; }")  # warnings are errors
     assert builder.main([]) == 1
     assert (built / kernels.FILE).read_bytes() == before
+
+
+# --------------------------------------------------------------------------------- kernels platforms
+# Kernels for other platforms, built here: the files are theirs, and those that can be run say the same. A
+# call that the tests of the kernels make is made again by a small program, which ziglang builds for the
+# platform and an emulator runs. Libraries of macOS are looked at, not run.
+
+# How a file of the platform begins, but for "?" bytes: format, processor, kind of file.
+HEADS = {
+    "linux-x64": (0, b"\x7fELF\x02\x01??????????\x03\x00\x3e\x00"),
+    "linux-arm64": (0, b"\x7fELF\x02\x01??????????\x03\x00\xb7\x00"),
+    "windows-x64": (0x3C, b"PE\x00\x00\x64\x86"),  # where the address at 0x3C points to
+    "macos-arm64": (0, b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01????\x06\x00\x00\x00"),
+    "macos-x64": (0, b"\xcf\xfa\xed\xfe\x07\x00\x00\x01????\x06\x00\x00\x00"),
+}
+EMULATORS = {
+    "linux-x64": [],
+    "linux-arm64": ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"],
+    "windows-x64": ["wine"],
+}
+PROGRAM = """
+#include "kernels.h"
+#include <stdio.h>
+#ifdef _WIN32
+#include <windows.h>
+#define OPENED(file) LoadLibraryA(file)
+#define FOUND(file, name) GetProcAddress(file, name)
+#else
+#include <dlfcn.h>
+#define OPENED(file) dlopen(file, RTLD_NOW)
+#define FOUND(file, name) dlsym(file, name)
+#endif
+%(arrays)s
+int main(int count, char **words) {
+    void *library = OPENED(words[1]);
+    __typeof__(%(name)s) *called = library ? (void *)FOUND(library, "%(name)s") : 0;
+    FILE *out = fopen(words[2], "wb");
+    if (!called || !out || count != 3) return 1;
+    %(call)s
+    %(writing)s
+    return fclose(out);
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory):
+    """A library for each platform, in folders of their names."""
+    pytest.importorskip("ziglang", reason="ziglang builds for other platforms")
+    folder = tmp_path_factory.mktemp("libraries")
+    assert builder.main(["all", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def calls(tmp_path_factory):
+    """The first call of each function in the kernels' own tests, by the function's name."""
+    folder = tmp_path_factory.mktemp("calls")
+    words = ["-m", "pytest", "-n0", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow"]
+    subprocess.run(
+        [sys.executable, *words, "tests/kernels"],
+        env=os.environ | {"KERNELS_KEPT": str(folder)},
+        cwd=ROOT,
+        check=True,
+    )
+    return {file.stem: dict(np.load(file)) for file in folder.glob("*.npz")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", HEADS)
+def test_a_library_is_of_its_platform(libraries, platform):
+    (file,) = (libraries / platform).iterdir()
+    content = file.read_bytes()
+    pointed, head = HEADS[platform]
+    start = int.from_bytes(content[pointed : pointed + 4], "little") if pointed else 0
+    found = content[start : start + len(head)]
+    assert all(a == b or b == ord("?") for a, b in zip(found, head, strict=True))
+    assert not [name for name in kernels.FUNCTIONS if name.encode() not in content]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", EMULATORS)
+def test_it_computes_the_same_there(libraries, calls, platform, tmp_path):
+    emulator = EMULATORS[platform]
+    if emulator and not shutil.which(emulator[0]):
+        pytest.skip(f"{emulator[0]} is not here")
+    (library,) = (libraries / platform).iterdir()
+    shutil.copy(library, tmp_path)
+    run = 0
+    for name, call in calls.items():
+        types = kernels.FUNCTIONS[name][0]
+        if ctypes.c_void_p in types:  # Embree's, which is this process's
+            continue
+        (tmp_path / "call.c").write_text(program(name, call, len(types)))
+        zig = builder.compiler(platform, fetch=False)
+        made = ["call.c", f"-I{kernels.ROOM}", "-w", "-o", "call.exe"]
+        subprocess.run([*zig, *made], cwd=tmp_path, check=True)
+        subprocess.run(
+            [*emulator, "./call.exe", f"./{library.name}", "found"],
+            cwd=tmp_path,
+            check=True,
+            env=os.environ | {"WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all"},
+        )
+        content, at = (tmp_path / "found").read_bytes(), 0
+        for k in range(len(types)):
+            expected = call[f"left_{k:02d}"]
+            if not expected.ndim:
+                continue
+            found = np.frombuffer(content, expected.dtype, expected.size, at).reshape(
+                expected.shape
+            )
+            at += expected.nbytes
+            scale = np.abs(expected[np.isfinite(expected)]).max(initial=1e-300)
+            assert np.allclose(found, expected, rtol=1e-12, atol=1e-12 * scale, equal_nan=True), (
+                name
+            )
+        assert len(content) == at
+        run += 1
+    assert run
+
+
+def program(name, call, count):
+    """A program in C that makes a call and writes its arrays as they are afterwards."""
+    arrays, words, writing = [], [], []
+    for k in range(count):
+        given = call[f"given_{k:02d}"]
+        if given.ndim:
+            numbers = ",".join(map(str, given.tobytes())) or "0"
+            arrays.append(
+                f"static unsigned char a{k}[] __attribute__((aligned(64))) = {{{numbers}}};"
+            )
+            writing.append(f"fwrite(a{k}, 1, {given.nbytes}, out);")
+            words.append(f"(void *)a{k}")
+        else:
+            value = given.item()
+            words.append(value.hex() if isinstance(value, float) else f"{int(value)}LL")
+    return PROGRAM % {
+        "name": name,
+        "arrays": "\n".join(arrays),
+        "call": f"called({', '.join(words)});",
+        "writing": "\n    ".join(writing),
+    }

@@ -37,7 +37,7 @@ COMPILED = r"\.(so|dll|dylib|pyd|exe|pyc|pyo|whl|zip|sh|bat)$"
 COMMAND_LINE = "headless/"
 LOADERS = {
     "headless/in_blender.py",
-    "headless/commands/run.py",  # whether Blender is open is asked, without loading it
+    "headless/commands/__init__.py",  # whether Blender is open is asked, without loading it
     "headless/dataset/engine.py",  # a worker is told where its starter found Blender
     "headless/dataset/loader.py",  # copied into datasets, never run in Blender
 }

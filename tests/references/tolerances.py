@@ -26,7 +26,7 @@ from forest_addon.sensing.sonar.ping import Echo, ping
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Rays, Reverb, Sonar
 
-from .echo_scenes import scene_of, square_leaves
+from .echoes import scene_of, square_leaves
 
 RAYS, GRAZING = 200, 2e-3  # of a scene; cosine of the incidence, 89.89°
 

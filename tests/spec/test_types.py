@@ -15,6 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forest_addon import spec
+from forest_addon.base import places
+from forest_addon.base.places import ASSETS
+from forest_addon.sensing.sonar.equipment_files import find
+from forest_addon.spec import FORMER, Grammar, Rules
+from forest_addon.spec.base import Settings, _check
+from forest_addon.spec.choices import CHOICES, meaning_of, title_of
+from headless.command import scene_file
 from headless.dataset import settings as plans
 
 GROUPS = sorted(
@@ -192,3 +199,143 @@ def test_what_means_the_same_is_taken():
 def test_an_error_survives_a_process():
     said = pickle.loads(pickle.dumps(spec.SpecError("seed", "is wrong")))
     assert (said.key, said.problem, str(said)) == ("seed", "is wrong", "seed: is wrong")
+
+
+# ---------------------------------------------------------------------------------------------- spec
+# Settings check themselves, and every field is described.
+
+SPEC_GROUPS = [
+    c
+    for _, c in inspect.getmembers(spec, inspect.isclass)
+    if issubclass(c, spec.Settings) and c is not spec.Settings
+]
+
+
+@pytest.mark.parametrize("group", SPEC_GROUPS, ids=lambda g: g.__name__)
+def test_every_field_has_help_and_a_default_within_its_range(group):
+    for field in dataclasses.fields(group):
+        known = spec.param_of(field)
+        assert known.help, field.name
+        assert known.minimum <= known.maximum
+        if not known.required:
+            _check(field.name, field.default, known)  # does not raise
+
+
+@pytest.mark.parametrize(
+    ("make", "key", "words"),
+    [
+        (lambda: spec.Forest(size=(-3.0, 2.0)), "size[0]", "-3 m is out of range"),
+        (lambda: spec.Forest(size=(0.0, 2.0)), "size[0]", "larger than 0"),
+        (lambda: spec.Forest(spacing=float("nan")), "spacing", "nan"),
+        (lambda: spec.Forest(spacing=float("inf")), "spacing", "inf"),
+        (lambda: spec.Sonar(leaf_model="wood"), "leaf_model", '"exact", "piston", "paper"'),
+        (lambda: spec.Sonar(band=(60e3, 250e3)), "band", "half the sample_rate"),
+        (lambda: spec.Planting(species="maple"), "expected", "give a number"),
+        (lambda: spec.Planting(species="m", expected=1, scale=(2.0, 1.0)), "scale", "smallest"),
+        (lambda: spec.Reverb(source=(0.0, 0.0, 0.0)), "source[2]", "above the ground"),
+        (lambda: spec.Tractor(top=0.5), "top", "above the scanner"),
+        (
+            lambda: spec.Scene(sensors=(spec.Sonar(), spec.Sonar())),
+            "sensors[1].name",
+            "a name of its own",
+        ),
+        (lambda: spec.Scene(sensors=(spec.Sonar(name="a/b"),)), "sensors[0].name", "letters"),
+    ],
+)
+def test_bad_values_never_become_settings(make, key, words):
+    with pytest.raises(spec.SpecError) as caught:
+        make()
+    assert caught.value.key == key
+    assert words in caught.value.problem
+
+
+def test_sound_speed_follows_temperature():
+    assert spec.Air().speed() == pytest.approx(343.2, abs=1e-9)
+    assert spec.Air(temperature_c=0.0).speed() == pytest.approx(331.3, abs=0.1)
+    assert spec.Air(sound_speed=340.0).speed() == 340.0
+
+
+@pytest.mark.parametrize(
+    ("make", "key"),
+    [
+        (lambda: spec.Terrestrial(angle_step_deg=1e-6), "angle_step_deg"),
+        (lambda: spec.Terrestrial(line_step_deg=1e-12), "line_step_deg"),
+        (
+            lambda: spec.Terrestrial(angle_step_deg=1e-3, beam=spec.Beam(subrays=100_000)),
+            "of 100,000 rays",
+        ),
+        (lambda: spec.Tractor(step=1e-12), "step"),
+        (lambda: spec.Tractor(angle_step_deg=1e-12), "angle_step_deg"),
+        (lambda: spec.Airborne(speed=1e-9), "speed"),
+        (lambda: spec.Mobile(poses=(spec.Pose(), spec.Pose(time=1e9))), "poses"),
+    ],
+)
+def test_a_scan_that_would_take_years_is_refused_before_it_begins(make, key):
+    with pytest.raises(spec.SpecError, match=f"{key}.*years of work"):
+        make()
+
+
+def test_the_finest_scan_that_an_instrument_makes_is_taken():
+    made = spec.Terrestrial(angle_step_deg=0.0007, beam=spec.Beam(subrays=1))  # 8.8e10 pulses
+    assert made.angle_step_deg == 0.0007
+
+
+# ------------------------------------------------------------------------------------------- choices
+# Every entry of every menu says what it does, in words of its own.
+
+NAMES = {"kind", "allometry"}  # what these name needs no further words
+
+
+def groups(cls=Settings):
+    for sub in cls.__subclasses__():
+        if sub.__module__.startswith("forest_addon."):
+            yield sub
+            yield from groups(sub)
+
+
+def menus():
+    for group in sorted(set(groups()), key=lambda group: group.__name__):
+        for field in dataclasses.fields(group):
+            known = spec.param_of(field)
+            if known.choices and field.name not in NAMES:
+                yield pytest.param(field.name, known, id=f"{group.__name__}.{field.name}")
+
+
+@pytest.mark.parametrize(("name", "known"), list(menus()))
+def test_every_choice_has_a_name_and_a_meaning_of_its_own(name, known):
+    titles = [title_of(name, choice) for choice in known.choices]
+    meanings = [meaning_of(name, choice) for choice in known.choices]
+    assert all(meanings), dict(zip(known.choices, meanings, strict=True))
+    assert len(set(titles)) == len(set(meanings)) == len(titles)
+    assert known.help not in meanings
+    assert max(map(len, titles)) <= 20
+
+
+def test_nothing_is_said_of_what_there_is_not():
+    there = {}
+    for group in set(groups()):
+        for field in dataclasses.fields(group):
+            there.setdefault(field.name, set()).update(spec.param_of(field).choices)
+    for name, choices in CHOICES.items():
+        assert set(choices) <= there.get(name, set()), name
+
+
+# -------------------------------------------------------------------------------------- former names
+# Scene and species files of earlier releases name choices and shipped files as they did then.
+
+
+@pytest.mark.parametrize(("group", "old"), [(Grammar, "T20"), (Grammar, "A20"), (Rules, "S")])
+def test_a_dialect_of_an_earlier_release_is_read(group, old):
+    given = {"axiom": "A"} if group is Rules else {}
+    assert group(dialect=old, **given).dialect == FORMER[old]
+
+
+def test_shipped_files_of_an_earlier_release_are_found(tmp_path):
+    for old, now in places.FORMER.items():
+        if old.endswith(".csv"):
+            assert find(old, tmp_path, "route") == ASSETS / "scenes" / now
+            (tmp_path / old).write_text("a user's own\n")
+            assert find(old, tmp_path, "route") == tmp_path / old
+        else:
+            assert scene_file(old) == ASSETS / "scenes" / f"{now}.toml"
+            assert scene_file(old).is_file()

@@ -1,14 +1,33 @@
 """Orchards and lists of trees, and what a planting's own settings do to its stand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy import stats
+from scipy.spatial import cKDTree
 
 from forest_addon.base.rng import stream
-from forest_addon.spec import Forest, Gaussian, Planting, Rows, SpecError
-from forest_addon.stand.compose import Inputs, TreeList
+from forest_addon.formats.toml_file import read_settings, write_settings
+from forest_addon.site import ForestSite
+from forest_addon.spec import (
+    Clearing,
+    Distance,
+    Forest,
+    Gaussian,
+    HandTree,
+    Normal,
+    Planting,
+    Rows,
+    Scene,
+    SpecError,
+    Stems,
+    Terrain,
+)
+from forest_addon.stand.compose import Inputs, TreeList, process_of
 from forest_addon.stand.intensity.surface import IntensityError
-from forest_addon.stand.layouts import orchard
-from forest_addon.stand.plan import plan_stand
+from forest_addon.stand.layouts import orchard, plant_stems
+from forest_addon.stand.plan import Spacing, greedy, labels, matern_ii, plan_stand, space
 
 LOW, HIGH = np.array([100.0, 200.0]), np.array([120.0, 230.0])
 
@@ -160,3 +179,384 @@ def test_a_window_far_from_the_origin_is_the_same_stand_moved():
     moved = there.position[:, :2] - [500_000, 5_400_000]
     assert moved == pytest.approx(here.position[:, :2], abs=2e-9)
     assert (there.scale == here.scale).all()
+
+
+# ------------------------------------------------------------------------------------------- by hand
+# Trees set by hand: they stay, they are kept apart from, and they change nothing else.
+
+FIELD = Forest(size=(30.0, 30.0), spacing=2.0)
+OAK = Planting(species="maple", expected=40)
+TREES = (
+    HandTree(position=(5.0, 5.0), rotation_deg=90.0, scale=1.5, variant=2),
+    HandTree(position=(5.5, 5.0)),
+    HandTree(position=(-3.0, 40.0)),
+)
+
+
+def rows_of(stand, keep):
+    names = ("position", "rotation", "scale", "species", "variant", "number")
+    return [tuple(np.ravel(getattr(stand, name)[k]).tolist() for name in names) for k in keep]
+
+
+@pytest.mark.parametrize("rule", ["matern", "greedy"])
+def test_trees_set_by_hand_stay_and_others_keep_away(rule):
+    field = FIELD.changed(spacing_rule=rule)
+    stand = plan_stand(3, field, [OAK.changed(by_hand=TREES)])
+    hand = np.flatnonzero(stand.number < 0)
+    assert stand.position[hand, :2].tolist() == [[5, 5], [5.5, 5], [-3, 40]]
+    assert stand.rotation[hand[0]] == pytest.approx(np.pi / 2)
+    assert (stand.scale[hand[0]], stand.variant[hand[0]]) == (1.5, 2)
+    drawn = np.flatnonzero(stand.number >= 0)
+    apart = np.linalg.norm(stand.position[drawn, None, :2] - stand.position[None, hand, :2], axis=2)
+    assert apart.min() >= 2.0
+    between = np.linalg.norm(stand.position[drawn, None] - stand.position[None, drawn], axis=2)
+    assert between[~np.eye(len(drawn), dtype=bool)].min() >= 2.0
+
+
+def test_nothing_else_changes():
+    """Without spacing every drawn tree is bit for bit what it was, those of other plantings too."""
+    field, other = FIELD.changed(spacing=0.0), Planting(species="spruce", expected=25)
+    plain = plan_stand(3, field, [OAK, other])
+    hand = plan_stand(3, field, [OAK.changed(by_hand=TREES), other])
+    assert rows_of(hand, np.flatnonzero(hand.number >= 0)) == rows_of(plain, range(len(plain)))
+    assert len(hand) == len(plain) + 3
+    assert hand.id.tolist() == list(range(len(hand)))
+
+
+def test_a_clearing_takes_what_stands_in_it_and_nothing_else():
+    field = FIELD.changed(spacing=0.0)
+    plain = plan_stand(3, field, [OAK])
+    tree = plain.position[7, :2]
+    discs = (
+        Clearing(position=tuple(tree)),
+        Clearing(position=(20.0, 20.0), radius=6.0),
+    )
+    stand = plan_stand(3, field, [OAK.changed(clearings=discs, by_hand=TREES[:1])])
+    far = np.hypot(*(plain.position[:, :2] - [20, 20]).T) > 6
+    far[7] = False
+    assert 0 < far.sum() < len(plain) - 1
+    kept = rows_of(stand, np.flatnonzero(stand.number >= 0))
+    assert kept == rows_of(plain, np.flatnonzero(far))
+
+
+@pytest.mark.parametrize("rule", ["matern", "greedy"])
+def test_where_trees_were_deleted_or_moved_none_that_spacing_had_removed_moves_up(rule):
+    field, dense = FIELD.changed(spacing_rule=rule), OAK.changed(expected=150)
+    plain = plan_stand(3, field, [dense])
+    assert plain.removed > 30
+    every = range(0, len(plain), 4)
+    discs = tuple(Clearing(position=tuple(plain.position[k, :2]), radius=0.01) for k in every)
+    left = rows_of(plain, [k for k in range(len(plain)) if k not in every])
+    for hand in ((), tuple(HandTree(position=(-20.0, 3.0 * k)) for k in range(len(discs)))):
+        stand = plan_stand(3, field, [dense.changed(clearings=discs, by_hand=hand)])
+        assert rows_of(stand, np.flatnonzero(stand.number >= 0)) == left
+        assert stand.removed == plain.removed
+
+
+def test_a_new_seed_moves_no_tree_that_was_set():
+    planting = OAK.changed(by_hand=TREES, clearings=(Clearing(position=(9.0, 9.0), radius=4.0),))
+    for seed in (1, 2):
+        stand = plan_stand(seed, FIELD, [planting])
+        hand = stand.number < 0
+        assert stand.position[hand, :2].tolist() == [[5, 5], [5.5, 5], [-3, 40]]
+        assert np.hypot(*(stand.position[~hand, :2] - 9).T).min() > 4
+
+
+@pytest.mark.medium
+def test_a_tree_where_there_is_no_ground_is_said(tmp_path):
+    np.save(tmp_path / "hill.npy", np.ones((4, 4)))
+    field = FIELD.changed(terrain=Terrain(file="hill.npy"))
+    planting = OAK.changed(by_hand=TREES, expected=0, variants=3)
+    forest = ForestSite.read(Scene(forest=field, plantings=(planting,)), tmp_path).grow()
+    assert len(forest.stand) == 2
+    assert any("set by hand" in note and "no ground" in note for note in forest.notes)
+
+
+def test_a_scene_file_holds_them(tmp_path):
+    planting = OAK.changed(by_hand=TREES, clearings=(Clearing(position=(1.0, 2.0), radius=3.0),))
+    scene = Scene(plantings=(planting,))
+    write_settings(tmp_path / "scene.toml", scene)
+    assert read_settings(tmp_path / "scene.toml", Scene) == scene
+    (tmp_path / "bad.toml").write_text(
+        '[[plantings]]\nspecies = "maple"\nexpected = 1\nby_hand = [{ scale = 2 }]\n'
+    )
+    with pytest.raises(SpecError, match=r"plantings\[0\].by_hand\[0\].*position"):
+        read_settings(tmp_path / "bad.toml", Scene)
+
+
+def grown(planting):
+    scene = Scene(seed=4, forest=Forest(size=(20, 20)), plantings=(planting,))
+    return ForestSite.read(scene, Path()).grow()
+
+
+@pytest.mark.medium
+def test_trees_grown_to_measure_keep_theirs_where_one_is_set_beside_them():
+    """Of drawn trees no bit changes; the one that is set is a variant of theirs in the size of its stem."""
+    drawn = Planting(species="scots-pine", expected=3, exact=True, variants=2)
+    plain = grown(drawn)
+    tree = HandTree(position=(3.0, 4.0), diameter=0.31, variant=5)
+    beside = grown(drawn.changed(by_hand=(tree,)))
+    own = beside.stand.number >= 0
+    assert (beside.wanted[own] == plain.wanted).all()
+    assert (beside.stand.scale[own] == plain.stand.scale).all()
+    assert beside.variants.keys() == plain.variants.keys()
+    assert beside.stand.variant[~own] == [1]
+    assert beside.wanted[~own, 0] == [0.31]
+    alone = grown(drawn.changed(by_hand=(tree,), expected=0))
+    assert alone.wanted[0, 0] == 0.31
+
+
+# ------------------------------------------------------------------------------------------- spacing
+# Spacing against brute force, its exact minimum distance, and what no distance may do.
+
+RULES = {"matern": matern_ii, "greedy": greedy}
+
+
+def apart(rule, points, mark, distance):
+    none = np.zeros(len(points))
+    return RULES[rule](points, mark, Spacing(np.array([[distance]]), none.astype(int), none))
+
+
+def forest(count, seed=1, cluster=False):
+    """Points, marks and spacing of three kinds, with crowns on one of them."""
+    rng = stream(seed, "spacing", count)
+    points = rng.uniform(0, 20, (count, 2)) + np.array([500_000.0, 5_400_000.0])
+    if cluster:
+        points[: count // 2] = points[0] + rng.normal(0, 0.05, (count // 2, 2))
+    kind = rng.integers(0, 3, count)
+    crown = np.where(kind == 2, rng.uniform(0.2, 0.9, count), 0.0)
+    distance = np.array([[0.8, 0.3, 1.5], [0.3, 0.0, 0.5], [1.5, 0.5, 0.6]])
+    return points, rng.random(count), Spacing(distance, kind, crown)
+
+
+def brute(points, mark, spacing, rule):
+    """One tree after another, from the oldest on."""
+    order = np.argsort(mark, kind="stable")
+    keep, judges = np.zeros(len(points), dtype=bool), []
+    for tree in order:
+        others = np.array(judges, dtype=int)
+        gap = np.hypot(*(points[others] - points[tree]).T)
+        ok = not (gap < spacing.between(np.full(len(others), tree), others)).any()
+        keep[tree] = ok
+        if ok or rule == "matern":
+            judges.append(tree)
+    return keep
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("cluster", [False, True])
+@pytest.mark.parametrize("count", [2, 60, 900])
+def test_pairs_crowns_and_rules_equal_the_definition(rule, cluster, count):
+    points, mark, spacing = forest(count, cluster=cluster)
+    keep = space(points, mark, spacing, rule)
+    assert (keep == brute(points, mark, spacing, rule)).all()
+    a, b = np.triu_indices(int(keep.sum()), 1)
+    trees = np.flatnonzero(keep)
+    gap = np.hypot(*(points[trees[a]] - points[trees[b]]).T)
+    assert (gap >= spacing.between(trees[a], trees[b])).all()
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("distance", [0.05, 0.5, 3.0])
+def test_batches_of_many_trees_equal_the_definition(rule, distance):
+    """More trees than one batch holds, against a walk in a grid of its own."""
+    rng = stream(2, "many")
+    points, mark = rng.uniform(0, 30, (6000, 2)), rng.random(6000)
+    near = cKDTree(points).query_ball_point(points, distance * (1 - 1e-12))
+    expected = np.zeros(6000, dtype=bool)
+    for k in np.argsort(mark):
+        older = [o for o in near[k] if mark[o] < mark[k]]
+        expected[k] = not (expected[older].any() if rule == "greedy" else older)
+    assert (apart(rule, points, mark, distance) == expected).all()
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("rule", RULES)
+def test_a_distance_larger_than_the_field_leaves_the_oldest_tree(rule):
+    rng = stream(3, "one")
+    points, mark = rng.uniform(0, 20, (50_000, 2)), rng.random(50_000)
+    keep = apart(rule, points, mark, 1000.0)
+    assert keep.sum() == 1
+    assert keep[np.argmin(mark)]
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_the_order_of_trees_does_not_matter(rule):
+    points, mark, spacing = forest(700)
+    keep = space(points, mark, spacing, rule)
+    other = stream(4, "order").permutation(700)
+    mixed = Spacing(spacing.distance, spacing.kind[other], spacing.crown[other])
+    assert (space(points[other], mark[other], mixed, rule) == keep[other]).all()
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_trees_in_one_place_and_hardly_any(rule, count):
+    points = np.full((count, 2), 7.0)
+    keep = apart(rule, points, np.zeros(count), 0.5)
+    assert keep.sum() == min(count, 1)
+    assert apart(rule, points, np.zeros(count), 0.0).all()
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_distance_of_exactly_the_spacing_is_kept(rule):
+    points = np.array([[0.0, 0.0], [3.0, 4.0], [6.0, 8.0]])
+    assert apart(rule, points, np.arange(3.0), 5.0).all()
+    assert apart(rule, points, np.arange(3.0), np.nextafter(5.0, 6)).sum() == (
+        2 if rule == "greedy" else 1
+    )
+
+
+@pytest.mark.medium
+def test_matern_ii_keeps_the_share_that_it_should():
+    """Of a Poisson process, (1 - exp(-λπr²))/(λπr²) stay (Matérn 1960; Stoyan, Kendall and Mecke 5.4).
+
+    150 runs; neighbours inhibit each other, so the binomial error is larger than the true one: 4.5 sigma,
+    false alarm below 7e-6.
+    """
+    stay, every = 0, 0
+    for s in range(150):
+        rng = stream(s, "share")
+        points = rng.uniform(0, 20, (rng.poisson(400), 2))
+        keep = apart("matern", points, rng.random(len(points)), 0.6)
+        inner = ((points > 0.6) & (points < 19.4)).all(axis=1)
+        stay, every = stay + (keep & inner).sum(), every + inner.sum()
+    load = np.pi * 0.6**2
+    expected = (1 - np.exp(-load)) / load
+    assert abs(stay / every - expected) < 4.5 * np.sqrt(expected * (1 - expected) / every)
+
+
+def test_two_species_on_the_same_centre_keep_their_pair_distance():
+    field = Forest(
+        size=(20.0, 20.0),
+        spacing=0.5,
+        distances=(
+            Distance(species="oak", other="elm", distance=2.0),
+            Distance(species="elm", other="elm", distance=0.0),
+        ),
+    )
+    hill = [{"peak": 1.0, "centre": (10.0, 10.0), "width": (2.0, 2.0)}]
+    from forest_addon.spec import Gaussian
+
+    trees = tuple(
+        Planting(species=name, expected=60, gaussians=tuple(Gaussian(**h) for h in hill))
+        for name in ("oak", "elm")
+    )
+    stand = plan_stand(5, field, trees)
+    assert stand.removed > 0
+    assert stand.too_near.sum() == stand.removed
+    points = stand.position[:, :2]
+    gap = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+    np.fill_diagonal(gap, np.inf)
+    oak = stand.species == 0
+    assert gap[np.ix_(oak, oak)].min() >= 0.5
+    assert gap[np.ix_(oak, ~oak)].min() >= 2.0
+    assert stand.density().sum() == pytest.approx(len(stand) / 400)
+
+
+def test_a_distance_of_a_species_that_is_not_planted_is_refused():
+    field = Forest(distances=(Distance(species="oak", other="yew", distance=2.0),))
+    with pytest.raises(
+        SpecError, match=r'distances\[0\].other: "yew" is not planted; use one of oak'
+    ):
+        plan_stand(0, field, [Planting(species="oak", expected=3)])
+
+
+# --------------------------------------------------------------------------------------------- stems
+# Stems: exactly as many as asked for, evenly over the field, radii of their law.
+
+STEMS_FIELD = Forest(size=(100.0, 50.0), origin=(-20.0, 5.0))
+
+
+def test_count_place_and_radius() -> None:
+    """Kolmogorov-Smirnov at a false alarm in 10 000 for each of x, y and radius."""
+    spread = Normal(mean=0.2, sd=0.05)
+    position, radius = plant_stems(3, STEMS_FIELD, (Stems(count=5000, radius=spread),))
+    assert position.shape == (5000, 2)
+    assert stats.kstest(position[:, 0], stats.uniform(-20, 100).cdf).pvalue > 1e-4
+    assert stats.kstest(position[:, 1], stats.uniform(5, 50).cdf).pvalue > 1e-4
+    law = stats.truncnorm(-2, 2, loc=0.2, scale=0.05)
+    assert stats.kstest(radius, law.cdf).pvalue > 1e-4
+    assert abs(np.corrcoef(position[:, 0], radius)[0, 1]) < 4 / np.sqrt(5000)
+
+
+def test_groups_have_streams_of_their_own() -> None:
+    first, second = Stems(count=10), Stems(count=20, radius=Normal(mean=0.1))
+    alone, _ = plant_stems(1, STEMS_FIELD, (first,))
+    both, radii = plant_stems(1, STEMS_FIELD, (first, second))
+    np.testing.assert_array_equal(both[:10], alone)
+    np.testing.assert_array_equal(radii, [0.25] * 10 + [0.1] * 20)
+    assert not np.array_equal(plant_stems(2, STEMS_FIELD, (first,))[0], alone)
+    assert plant_stems(1, STEMS_FIELD, ())[0].shape == (0, 2)
+    np.testing.assert_array_equal(plant_stems(1, STEMS_FIELD, (first,))[0], alone)
+
+
+# --------------------------------------------------------------------------------------------- stand
+# The stand against its laws. Every statistical test states its false-alarm rate.
+
+STAND_FIELD = Forest(size=(20.0, 20.0))
+HILLS = Planting(
+    species="maple",
+    gaussians=(
+        Gaussian(
+            peak=0.4, centre=(5.0, 5.0), width=(5**0.5, 6**0.5)
+        ),  # Tanveer et al. 2020a's example
+        Gaussian(peak=0.3, centre=(19.0, 15.0), width=(3.0, 9.0)),  # reaches over the edge
+    ),
+)
+
+
+@pytest.mark.parametrize("gaussians", [HILLS.gaussians, ()])
+def test_expected_number_scales_the_intensity(gaussians):
+    planting = Planting(species="m", expected=37.5, gaussians=gaussians)
+    assert process_of(planting, STAND_FIELD).expected() == pytest.approx(37.5, rel=1e-12)
+
+
+def test_zero_trees_and_nothing_to_scale():
+    assert len(plan_stand(0, STAND_FIELD, [])) == 0
+    assert len(plan_stand(0, STAND_FIELD, [Planting(species="m", expected=0)])) == 0
+    far = (Gaussian(centre=(1e6, 0.0), width=(1.0, 1.0)),)
+    with pytest.raises(ValueError, match="put nothing on the field"):
+        process_of(Planting(species="m", expected=3, gaussians=far), STAND_FIELD)
+
+
+def test_adding_a_species_moves_no_tree_of_another():
+    maple = Planting(species="maple", expected=30)
+    hazel = Planting(species="hazelnut", expected=50)
+    alone = plan_stand(9, STAND_FIELD, [maple])
+    for both in (
+        plan_stand(9, STAND_FIELD, [maple, hazel]),
+        plan_stand(9, STAND_FIELD, [hazel, maple]),
+    ):
+        place = (
+            0 if both is not None and (both.position[: len(alone)] == alone.position).all() else 1
+        )
+        mine = both.species == (place if len(both) else 0)
+        for name in ("position", "rotation", "scale", "variant"):
+            assert (getattr(both, name)[mine] == getattr(alone, name)).all()
+
+
+def test_labels_tell_plantings_of_one_species_apart():
+    names = ("maple", "maple", "my/maple.toml", "hazelnut", "maple")
+    made = labels([Planting(species=n, expected=1) for n in names])
+    assert made == ["maple", "maple-2", "maple-3", "hazelnut", "maple-4"]
+    assert len(set(made)) == len(made)
+
+
+@pytest.mark.parametrize("names", [("pine-2", "pine", "pine"), ("pine", "pine", "pine-2")])
+def test_no_species_has_the_label_of_another(names):
+    made = labels([Planting(species=name, expected=1) for name in names])
+    assert len(set(made)) == 3
+
+
+def test_scales_stay_in_their_range_and_variants_too():
+    stand = plan_stand(
+        1, STAND_FIELD, [Planting(species="m", expected=500, variants=3, scale=(0.5, 2.0))]
+    )
+    assert stand.scale.min() >= 0.5
+    assert stand.scale.max() <= 2.0
+    assert set(stand.variant.tolist()) == {0, 1, 2}
+    # Turns are uniform: Kolmogorov-Smirnov, false alarm 1e-4.
+    assert stats.kstest(stand.rotation / (2 * np.pi), "uniform").pvalue > 1e-4

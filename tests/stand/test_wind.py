@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from references.rods import rod
+from references.reverb import rod
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.optimize import brentq
 from scipy.signal import welch

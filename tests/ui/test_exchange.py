@@ -13,12 +13,17 @@ bpy = pytest.importorskip("bpy")
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ui.pressing import add_cube
 
 from forest_addon import spec
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.ui.settings import exchange
-from forest_addon.ui.settings.groups import LARGEST_INT
+from forest_addon.ui import properties
+from forest_addon.ui.forest.start import SCENES
+from forest_addon.ui.settings import exchange, references
+from forest_addon.ui.settings.groups import LARGEST_INT, fields_of
+from forest_addon.ui.settings.presets import values_of
+from forest_addon.ui.shell.views import chosen_sensor
 
 DEMO = Path(__file__).resolve().parents[2] / "assets/scenes/demo.toml"
 IN_BLENDER = settings(max_examples=6)
@@ -151,38 +156,12 @@ def test_any_number_is_kept_to_single_precision(props, drawn):
     assert back.polygon == drawn.polygon  # corners are kept as text, to the last digit
 
 
-def test_the_demo_scene_comes_back_as_it_was_whatever_is_set_besides(props):
-    demo = read_settings(DEMO, spec.Scene).changed(
-        rays=spec.Rays(engine="bvhtree"),
-        wind=spec.Wind(speed=3.0),
-        flight=spec.Flight(distance=9.0),
-        accuracy=spec.Accuracy(audit=0.25),
-        stems=(spec.Stems(count=5),),
-        offset=(432100.25, 5612300.5, 0.0),
-        crs="EPSG:32632",
-    )
-    scene = bpy.context.scene
-    exchange.from_spec(scene, demo)
-    bpy.context.view_layer.update()
-    back = exchange.to_spec(scene)
-    assert sorted(back.sensors, key=lambda s: s.kind) == sorted(demo.sensors, key=lambda s: s.kind)
-    # What a run writes is not the panel's: it stays at its defaults there.
-    assert dataclasses.replace(back, sensors=demo.sensors, output=demo.output) == demo
-
-
 def test_a_scene_replaces_what_was_there(props):
     scene = bpy.context.scene
     exchange.from_spec(scene, read_settings(DEMO, spec.Scene))
     exchange.from_spec(scene, spec.Scene())
     assert exchange.to_spec(scene) == spec.Scene()
     assert not bpy.data.speakers
-
-
-@pytest.mark.parametrize("kind", spec.SENSORS)
-def test_a_sensor_comes_back_from_its_object(props, kind):
-    thing = exchange.add_sensor(bpy.context.scene, spec.SENSORS[kind]())
-    bpy.context.view_layer.update()
-    assert exchange.sensor_of(thing) == spec.SENSORS[kind]()
 
 
 @given(
@@ -285,12 +264,6 @@ def test_corners_that_are_no_numbers_are_refused(props, text):
     assert caught.value.key == "forest.polygon"
 
 
-def test_degrees_stay_degrees(props):
-    group = group_for(props, spec.Terrestrial)
-    group.angle_step_deg = 0.25
-    assert exchange.read(group, spec.Terrestrial).angle_step_deg == 0.25
-
-
 def test_a_value_may_be_left_out(props):
     assert exchange.read(props.air, spec.Air).sound_speed is None
     props.air.use_sound_speed = True
@@ -363,3 +336,354 @@ def test_whether_anything_was_set(props):
 def test_a_list_counts_as_set(props):
     props.plantings.add()
     assert not exchange.untouched(props)
+
+
+# ---------------------------------------------------------------------------------------- references
+# What settings name of the scene: pointers that outlive a rename, names in scene files and older files.
+
+
+def names(scene=None):
+    """Every name that the scene's settings say."""
+    settings = exchange.to_spec(scene or bpy.context.scene)
+    by_kind = {sensor.kind: sensor for sensor in settings.sensors}
+    planting, reverb = settings.plantings[0], by_kind["reverb"]
+    return {
+        "object": settings.forest.terrain.object,
+        "painted": planting.painted,
+        "collection": planting.collection,
+        "mobile": by_kind["mobile"].follow,
+        "sonar": by_kind["sonar"].follow,
+        "source_objects": reverb.source_objects,
+        "receiver_objects": reverb.receiver_objects,
+    }
+
+
+@pytest.fixture
+def naming(small, sensor):
+    """A scene whose settings name something each, by their texts as a script sets them."""
+    link = bpy.context.scene.collection.objects.link
+    hill = add_cube()
+    hill.name = "hill"
+    hill.vertex_groups.new(name="weights")
+    home = bpy.data.collections.new("orchard")
+    bpy.context.scene.collection.children.link(home)
+    link(bpy.data.objects.new("way", bpy.data.curves.new("way", "CURVE")))
+    for name in ("ear", "eye"):
+        link(bpy.data.objects.new(name, None))
+    link(bpy.data.objects.new("bell", bpy.data.speakers.new("bell")))
+    sensor("mobile", follow="way")
+    bpy.data.objects["echo"].forest_sensor.sonar.follow = "way"
+    reverb = bpy.data.objects["reverb"].forest_sensor.reverb
+    reverb.source_objects, reverb.receiver_objects = "bell", "ear, eye"
+    small.forest.terrain.object = "hill"
+    small.plantings[0].painted, small.plantings[0].collection = "hill:weights", "orchard"
+    bpy.context.view_layer.update()
+    return small
+
+
+NAMED = {
+    "object": "hill", "painted": "hill:weights", "collection": "orchard", "mobile": "way",
+    "sonar": "way", "source_objects": "bell", "receiver_objects": "ear, eye",
+}  # fmt: skip
+RENAMED = {
+    "object": "mound", "painted": "mound:weights", "collection": "grove", "mobile": "path",
+    "sonar": "path", "source_objects": "gong", "receiver_objects": "left, eye",
+}  # fmt: skip
+
+
+def rename():
+    for old, new in {"hill": "mound", "way": "path", "bell": "gong", "ear": "left"}.items():
+        bpy.data.objects[old].name = new
+    bpy.data.collections["orchard"].name = "grove"
+
+
+def test_every_setting_that_names_something_is_known():
+    """The class of the fault: a text whose help speaks of the Blender scene is a reference."""
+    classes = {*spec.SENSORS.values(), spec.Forest, spec.Terrain, spec.Planting, spec.Stems}
+    for cls in classes:
+        for field in exchange.fields_of(cls):
+            words, known = ("blender scene", "object that", "names of"), field.param
+            text = field.kind is str and not known.choices
+            if text and any(word in known.help.lower() for word in words):
+                assert field.name in references.REFERENCES, f"{cls.__name__}.{field.name}"
+
+
+def test_a_rename_is_followed(naming):
+    assert names() == NAMED
+    rename()
+    assert names() == RENAMED
+
+
+def test_a_copy_of_a_sensor_follows_too(naming):
+    copy = bpy.data.objects["reverb"].copy()
+    bpy.data.objects["ear"].name = "left"
+    assert exchange.sensor_of(copy).receiver_objects == "left, eye"
+
+
+def test_a_picked_object_is_named(naming):
+    other = add_cube()
+    other.name = "slope"
+    naming.forest.terrain.object_pointer = other
+    assert naming.forest.terrain.object == "slope"
+    naming.plantings[0].painted_pointer = other
+    naming.plantings[0].painted_layer = ""
+    assert exchange.to_spec(bpy.context.scene).plantings[0].painted == "slope"
+    naming.forest.terrain.object_pointer = None
+    assert exchange.to_spec(bpy.context.scene).forest.terrain.object == ""
+
+
+def test_a_name_that_nothing_has_yet_stays_a_name(naming):
+    naming.forest.terrain.object = "later"
+    reverb = bpy.data.objects["reverb"].forest_sensor.reverb
+    reverb.receiver_objects = "ear, later"
+    assert references.is_lost(naming.forest.terrain, "object")
+    assert names()["object"] == "later"
+    assert names()["receiver_objects"] == "ear, later"
+    assert "Not Here" in drawn()
+
+
+def drawn():
+    from ui import test_panels
+
+    return test_panels.drawn()
+
+
+def test_what_was_deleted_is_said(naming):
+    hill = bpy.data.objects["hill"]
+    bpy.context.scene.collection.objects.unlink(hill)  # as deleting in a view does
+    with pytest.raises(spec.SpecError, match=r'"hill" was deleted') as caught:
+        exchange.to_spec(bpy.context.scene)
+    assert caught.value.key == "forest.terrain.object"
+
+
+def test_objects_that_are_further_ends_are_added_and_removed(naming):
+    bpy.context.view_layer.objects.active = bpy.data.objects["reverb"]
+    reverb = bpy.data.objects["reverb"].forest_sensor.reverb
+    assert bpy.ops.forest.add_receiver_object() == {"FINISHED"}
+    reverb.receiver_objects_pointers[2].thing = bpy.data.objects["cloud"]
+    assert exchange.sensor_of(bpy.data.objects["reverb"]).receiver_objects == "ear, eye, cloud"
+    for _ in range(3):
+        assert bpy.ops.forest.remove_receiver_object() == {"FINISHED"}
+    assert exchange.sensor_of(bpy.data.objects["reverb"]).receiver_objects == ""
+
+
+def test_a_saved_file_says_the_names_of_today(naming, tmp_path):
+    rename()
+    assert names() == RENAMED
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "today.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "today.blend"))
+    props = bpy.context.scene.forest_sensing
+    assert props.forest.terrain.object == "mound"  # for whoever reads the text
+    bpy.data.objects["mound"].name = "hill"
+    assert names()["object"] == "hill"
+
+
+# --------------------------------------------------------------------------------------------- shown
+# Angles and high frequencies are shown in other units than files have; what is stored stays the file's.
+
+
+def test_every_angle_of_a_panel_is_one_of_blenders(registered):
+    for kind, group in properties.GROUPS.items():
+        known = {p.identifier: p for p in group.bl_rna.properties}
+        for field in fields_of(kind):
+            if field.param.unit == "deg" and field.name in group.shown:
+                shown = known[f"{field.name}_shown"]
+                assert shown.unit == "ROTATION", f"{group.__name__}.{field.name}"
+                assert "°" not in shown.name
+                assert shown.is_skip_save
+
+
+def test_frequencies_of_calls_and_records_are_in_khz(sensor):
+    bat = sensor("sonar").forest_sensor.sonar
+    assert list(bat.band_shown) == [60.0, 80.0]
+    bat.band_shown = (25.1, 50.7)
+    bat.sample_rate_shown = 192.0
+    assert [round(edge, 2) for edge in bat.band] == [25100.0, 50700.0]
+    assert exchange.sensor_of(bpy.data.objects["echo"]).band == (25100.0, 50700.0)
+    assert exchange.sensor_of(bpy.data.objects["echo"]).sample_rate == 192e3
+    line = sensor("mobile").forest_sensor.mobile.bl_rna.properties
+    assert "line_rate_shown" not in {p.identifier for p in line}  # 100 Hz
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.036, 0.25, 30.0, 47.5, -72.25, 90.0, 360.0])
+def test_an_angle_that_is_set_is_stored_as_whole_degrees_of_a_file(sensor, degrees):
+    thing = sensor("terrestrial")
+    scanner = thing.forest_sensor.terrestrial
+    scanner.azimuth_deg_shown = (math.radians(-100.0), math.radians(degrees))
+    found = exchange.read(scanner, spec.Terrestrial, "cloud", {"name": "cloud"})
+    assert found.azimuth_deg == (-100.0, degrees)
+
+
+def test_what_is_only_shown_counts_as_nothing_set(sensor, props):
+    scanner = sensor("terrestrial").forest_sensor.terrestrial
+    before = exchange.sensor_of(bpy.data.objects["cloud"])
+    assert scanner.angle_step_deg_shown == pytest.approx(math.radians(0.25))
+    assert exchange.sensor_of(bpy.data.objects["cloud"]) == before
+
+
+# -------------------------------------------------------------------------------------------- chosen
+# Which sensor is chosen: list, panel and buttons mean the same one, whatever was clicked last.
+
+
+def listed(props):
+    """What the list highlights."""
+    home = sensors.home_of(bpy.context.scene)
+    number = props.active_sensor
+    return home.objects[number] if number >= 0 else None
+
+
+def activate(thing):
+    bpy.context.view_layer.objects.active = thing
+    bpy.context.view_layer.update()
+
+
+def agree(props, thing):
+    assert listed(props) == chosen_sensor(bpy.context) == thing
+
+
+def test_after_shift_d_the_copy_is_chosen_everywhere(small):
+    echo = bpy.data.objects["echo"]
+    small.active_sensor = list(sensors.home_of(bpy.context.scene).objects).index(echo)
+    agree(small, echo)
+    for thing in bpy.data.objects:
+        thing.select_set(thing == echo)
+    bpy.ops.object.duplicate()
+    copy = bpy.context.view_layer.objects.active
+    assert copy != echo
+    bpy.context.view_layer.update()
+    agree(small, copy)
+    assert bpy.ops.forest.remove_sensor() == {"FINISHED"}
+    assert "echo" in bpy.data.objects
+    assert "echo.001" not in bpy.data.objects
+
+
+def test_the_chosen_one_stays_when_something_else_is_clicked_or_removed(small):
+    cloud, echo = bpy.data.objects["cloud"], bpy.data.objects["echo"]
+    activate(cloud)
+    activate(echo)
+    other = bpy.data.objects.new("rock", None)
+    bpy.context.scene.collection.objects.link(other)
+    activate(other)
+    agree(small, echo)
+    sensors.remove_sensor(cloud)  # numbers of the list move up
+    agree(small, echo)
+    echo.name = "ear"
+    agree(small, echo)
+    sensors.remove_sensor(echo)
+    bpy.context.view_layer.update()
+    assert chosen_sensor(bpy.context) == listed(small) is not None
+
+
+def test_a_copy_of_a_reverb_goes_without_the_receiver_that_both_have(small):
+    reverb = bpy.data.objects["reverb"]
+    copy = reverb.copy()
+    sensors.home_of(bpy.context.scene).objects.link(copy)
+    sensors.remove_sensor(copy)
+    assert sensors.receiver_of(reverb) is not None
+    sensors.remove_sensor(reverb)
+    assert "reverb receiver" not in bpy.data.objects
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("preset", sorted(Path(path).stem for path in SCENES.glob("*.toml")))
+def test_every_preset_starts_with_a_sensor_chosen(props, preset):
+    bpy.ops.forest.start(preset=preset)
+    bpy.context.view_layer.update()
+    there = sensors.sensors_of(bpy.context.scene)
+    if there:
+        agree(props, there[0])
+    else:
+        assert props.active_sensor == -1
+
+
+# ------------------------------------------------------------------------------------------- presets
+# Presets in Blender's own menu: kept in a file, applied to another sensor or planting, removed.
+
+
+@pytest.fixture
+def folder(registered, tmp_path, monkeypatch):
+    """Folder of the user's scripts, empty."""
+    monkeypatch.setattr(
+        bpy.utils, "user_resource", lambda *_, path="", **__: _made(tmp_path / path)
+    )
+    monkeypatch.setattr(
+        bpy.utils, "preset_paths", lambda below: [str(tmp_path / "presets" / below)]
+    )
+    return tmp_path
+
+
+def _made(path):
+    path.mkdir(parents=True, exist_ok=True)
+    return str(path)
+
+
+def keep(kind, name, **how):
+    return getattr(bpy.ops.forest, f"preset_{kind}")(name=name, **how)
+
+
+def choose(kind, folder, name):
+    path = folder / "presets" / "forest_sensing" / kind / f"{name}.py"
+    assert path.exists()
+    menu = f"FOREST_PT_presets_{kind}"
+    return bpy.ops.script.execute_preset(filepath=str(path), menu_idname=menu)
+
+
+def chosen_values(sensor):
+    bpy.context.view_layer.objects.active = sensor
+    return exchange.sensor_of(sensor)
+
+
+@pytest.mark.parametrize(
+    "kind", ["sonar", "terrestrial", "reverb", "tractor", "mobile", "airborne"]
+)
+def test_a_sensor_is_set_as_another_was_and_stays_where_it_is(folder, sensor, kind):
+    one, two = sensor(kind), sensor(kind)
+    group = getattr(one.forest_sensor, kind)
+    name = {"reverb": "duration", "tractor": "step"}.get(kind, "max_range")
+    setattr(group, name, 0.75 if kind in ("reverb", "tractor") else 17.5)
+    two.location = (3.0, 4.0, 5.0)
+    bpy.context.view_layer.update()
+    wanted = chosen_values(one)
+    assert keep(kind, "Mine") == {"FINISHED"}
+    before = chosen_values(two)
+    assert choose(kind, folder, "Mine") == {"FINISHED"}
+    after = chosen_values(two)
+    names = set(values_of(kind, bpy.context))
+    assert {"max_range", "step", "duration"} & names
+    assert {n: getattr(after, n) for n in names} == {n: getattr(wanted, n) for n in names}
+    left = set(vars(before)) - names
+    assert "name" in left
+    assert {n: getattr(after, n) for n in left} == {n: getattr(before, n) for n in left}
+    assert after != before
+    assert keep(kind, "Mine", remove_name=True) == {"FINISHED"}
+    assert not list(folder.rglob("Mine.py"))
+
+
+def test_a_planting_keeps_its_places_and_takes_the_rest(folder, props):
+    for species, density in (("maple", 0.02), ("spruce", None)):
+        planting = props.plantings.add()
+        planting.species = species
+        planting.use_expected = density is None
+        planting.expected = 30
+        planting.use_density, planting.density = density is not None, density or 1
+    props.active_plantings = 0
+    props.plantings[1].by_hand.add().position = (1.0, 2.0)
+    keep("planting", "Thin")
+    props.active_plantings = 1
+    assert choose("planting", folder, "Thin") == {"FINISHED"}
+    first, second = exchange.to_spec(bpy.context.scene, []).plantings
+    assert second.changed(by_hand=()) == first
+    assert second.by_hand[0].position == (1.0, 2.0)
+
+
+def test_wind_and_a_preset_that_cannot_be_used(folder, props):
+    props.wind.speed = 6.5
+    keep("wind", "Fresh")
+    props.wind.speed = 0
+    choose("wind", folder, "Fresh")
+    assert props.wind.speed == 6.5
+    with pytest.raises(RuntimeError, match="speed"):
+        bpy.ops.forest.apply_preset(kind="wind", values='{"speed": 400}')
+    with pytest.raises(RuntimeError, match="Choose what the preset is for"):
+        bpy.ops.forest.apply_preset(kind="sonar", values="{}")
+    assert props.wind.speed == 6.5

@@ -4,31 +4,43 @@ Whether it looks well is seen in the real application only; these tests keep dra
 """
 
 import dataclasses
+import logging
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
 import blf
+from ui.pressing import (
+    facts,
+    next_uid,
+    press,
+    run,
+    settings_of,
+)
 
 from forest_addon import spec, ui
+from forest_addon.blender.jobs import Job
+from forest_addon.blender.read.inputs import read_painted
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.sensing.kinds import KINDS
 from forest_addon.spec.base import Settings, param_of
 from forest_addon.spec.choices import ADVANCED, APPLIES, GIVEN, LEFT_OUT
 from forest_addon.ui import overlay, properties
+from forest_addon.ui.forest import hand
 from forest_addon.ui.forest import panels as forest_panels
 from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.sensors import panels as sensor_panels
+from forest_addon.ui.sensors.panels import FOREST_PT_sensor_data
 from forest_addon.ui.sensors.run import MENUS, FOREST_MT_forest, draw_menu
 from forest_addon.ui.settings import drawing, exchange, references
 from forest_addon.ui.settings.groups import fields_of
 from forest_addon.ui.shell import running
 from forest_addon.ui.species import panel as species_panel
 from forest_addon.ui.species.panel import SPREADS
-
-from .pressing import next_uid
 
 
 def canvas(kind, layout):
@@ -411,3 +423,288 @@ def test_names_of_settings_fit_within_180_pixels(registered):
     names = {drawing._way(cls, name)[2] for cls in groups for name in cls.shown}
     assert len(names) > 200
     assert [name for name in names if blf.dimensions(0, name)[0] > 95] == []
+
+
+# --------------------------------------------------------------------------------------------- lists
+# Lists of the panel: their buttons add and remove.
+
+
+def test_plantings_and_hills_are_added_and_removed(props):
+    assert press("add_planting") == {"FINISHED"}
+    assert press("add_gaussian") == {"FINISHED"}
+    assert press("add_gaussian") == {"FINISHED"}
+    planting = exchange.to_spec(bpy.context.scene).plantings[0]
+    assert planting.species == "maple"
+    assert planting.gaussians[0].centre == (15.0, 15.0)
+    assert press("remove_gaussian") == {"FINISHED"}
+    assert len(props.plantings[0].gaussians) == 1
+    assert press("remove_planting") == {"FINISHED"}
+    assert len(props.plantings) == 0
+    assert not bpy.ops.forest.remove_planting.poll()
+    assert not bpy.ops.forest.add_gaussian.poll()
+
+
+def test_whoever_changes_a_list_has_panels_drawn_anew(props, monkeypatch):
+    """Buttons that are drawn point to where items were: a mouse over one would end Blender."""
+    drawn = []
+    for room in (running, exchange, hand):
+        monkeypatch.setattr(room, "redraw_panels", lambda: drawn.append(1))
+    for change in (
+        lambda: press("add_planting"),
+        lambda: hand.add_tree(props.plantings[0], (1.0, 2.0), 0.0, 1.0, 0),
+        lambda: hand.remove_tree(props.plantings[0], (1.0, 2.0)),
+        lambda: exchange.fill(props, "plantings", ()),
+    ):
+        drawn.clear()
+        change()
+        assert drawn
+
+
+@pytest.mark.slow
+def test_a_scanner_travels_along_poses(built, sensor):
+    bpy.context.view_layer.objects.active = sensor("mobile")
+    track = bpy.data.objects["track"].forest_sensor.mobile
+    for x in (-2.0, 4.0):
+        assert press("add_pose") == {"FINISHED"}
+        track.poses[-1].position = (x, 3, 2)
+    track.pulse_rate, track.line_rate = 200, 2
+    track.field_deg = (-180, 180)
+    assert track.poses[1].time == 10
+    assert run("track") == {"FINISHED"}
+    assert int(facts(built, "track")["Points"].replace(",", "")) > 500
+    assert press("remove_pose") == {"FINISHED"}
+    assert len(track.poses) == 1
+
+
+@pytest.mark.slow
+def test_a_reverb_has_further_ends(built):
+    bpy.context.view_layer.objects.active = bpy.data.objects["reverb"]
+    for end in ("source", "receiver", "receiver"):
+        assert press(f"add_{end}") == {"FINISHED"}
+    settings = settings_of("reverb")
+    assert tuple(settings.sources[0].position) == (3, 3, 1.5)
+    settings.receivers[0].position = (5, 1, 1)
+    assert run("reverb") == {"FINISHED"}
+    found = exchange.sensor_of(bpy.data.objects["reverb"])
+    assert [tuple(place.position) for place in found.receivers] == [(5, 1, 1), (3, 3, 1.5)]
+    assert press("remove_receiver") == {"FINISHED"}
+    assert len(settings.receivers) == 1
+    bpy.context.view_layer.objects.active = bpy.data.objects["cloud"]
+    with pytest.raises(RuntimeError, match="Choose a reverb"):
+        press("add_source")
+
+
+@pytest.mark.medium
+def test_a_planting_shows_what_stands(built):
+    from forest_addon.ui.forest.panels import _planting_row
+
+    (planting,) = built.plantings
+    standing = len([thing for thing in bpy.data.objects if "forest_tree" in thing])
+    assert planting.standing == standing
+    meant = round(planting.expected)
+    assert _planting_row(planting).right in (
+        f"{standing} trees",
+        f"{standing} of {meant} trees",
+        "1 tree",
+    )
+    fresh = built.plantings.add()
+    fresh.species, fresh.use_expected, fresh.expected = "maple", True, 7
+    assert _planting_row(fresh).right == "7 trees"
+
+
+# -------------------------------------------------------------------------------------------- offers
+# Fields that name something offer what there is, and files are named as scene files name them.
+
+FREE = {"name", "crs", "source", "axiom", "engine"}  # texts that name nothing there is
+
+
+def offered(group, name, typed=""):
+    return references.SEARCHES[name](group, bpy.context, typed)
+
+
+def plane(name):
+    data = bpy.data.meshes.new(name)
+    data.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0)], [], [(0, 1, 2)])
+    thing = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def texts():
+    """(class, field, param) of every text of the panel that is no choice of a few."""
+    for cls in properties.GROUPS:
+        for field in properties.fields_of(cls):
+            if field.kind is str and field.how == "value" and not field.param.choices:
+                yield cls, field.name, field.param
+
+
+def test_every_text_names_a_file_or_offers_something(props):
+    offers = references.SEARCHES.keys() | references.REFERENCES.keys()  # a list, or a thing to pick
+    assert {name for _, name, known in texts() if not known.file} - offers <= FREE
+    for cls, name, param in texts():
+        if param.file and name not in references.SEARCHES:
+            known = {p.identifier: p for p in properties.GROUPS[cls].bl_rna.properties}
+            assert known[name].subtype == "FILE_PATH", name
+
+
+@pytest.mark.filterwarnings("ignore:.*blend relative")  # Blender 5 asks nobody for such a path
+def test_a_file_beside_the_blend_file_becomes_a_whole_path(props, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "here.blend"))
+    raster = bpy.context.scene.forest_sensing.plantings.add().rasters.add()
+    raster.file = "//hill.png"
+    assert raster.file == str(tmp_path / "hill.png")
+    raster.file = "hill.png"  # beside the scene file, as that writes it
+    assert raster.file == "hill.png"
+
+
+def test_every_layer_that_is_offered_can_be_read(small):
+    thing = plane("meadow")
+    thing.vertex_groups.new(name="weights")
+    thing.data.attributes.new("share", "FLOAT", "FACE")
+    thing.data.attributes.new("flow", "FLOAT_VECTOR", "POINT")
+    thing.data.color_attributes.new("tint", "FLOAT_COLOR", "POINT")
+    assert references.layers_of(thing) == ["weights", "tint", "share"]
+    bpy.context.view_layer.update()
+    for layer in references.layers_of(thing):
+        painted = read_painted(f"meadow:{layer}", bpy.context.evaluated_depsgraph_get())
+        assert len(painted.weight) == 3
+
+
+def test_species_are_presets_and_what_is_edited(small):
+    bpy.ops.forest.edit_species()
+    found = offered(small.plantings[0], "species")
+    assert {"maple", "edited/hazelnut.toml"} <= set(found)
+    pair = small.forest.distances.add()
+    assert offered(pair, "species") == offered(pair, "other") == ["hazelnut"]
+
+
+def test_an_image_starts_with_the_fields_extent(small):
+    small.forest.size, small.forest.origin = (8, 5), (1, 2)
+    bpy.ops.forest.add_raster()
+    raster = small.plantings[0].rasters[0]
+    raster.use_size = raster.use_origin = True
+    raster.file = "x.png"
+    found = properties.GROUPS[spec.Raster]
+    assert isinstance(raster, found)
+    assert (tuple(raster.size), tuple(raster.origin)) == ((8, 5), (1, 2))
+
+
+# ------------------------------------------------------------------------------------------ progress
+# Bars of a running job wherever it can be stopped, and views that are drawn once while work goes on.
+
+
+@pytest.fixture
+def job(monkeypatch):
+    """A job that runs, half done."""
+    job = Job("Run Sensor", (None for _ in ()))
+    job.label, job.share = "cloud", 0.5
+    monkeypatch.setattr(running, "_current", job)
+    return job
+
+
+class Bars(Layout):
+    """Notes progress bars, too."""
+
+    def _inner(self, heading="", **_):
+        return type(self)(self.seen)
+
+    row = column = box = split = grid_flow = _inner
+
+    def progress(self, factor, text):
+        self.seen.append(f"[{factor:.0%}] {text}")
+
+
+def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job, monkeypatch):
+    monkeypatch.setattr(Layout, "progress", Bars.progress, raising=False)
+    seen = drawn()
+    assert seen.count("[50%] cloud 50%") == 2
+    assert "All" not in seen
+    thing = bpy.data.objects["cloud"]
+    place = SimpleNamespace(object=thing, scene=bpy.context.scene)
+    seen = []
+    FOREST_PT_sensor_data.draw(SimpleNamespace(layout=Bars(seen)), place)
+    assert "[50%] cloud 50%" in seen
+    shown = []
+    workspace = SimpleNamespace(status_text_set=shown.append)
+    running.show_job(SimpleNamespace(workspace=workspace), job)
+    seen = []
+    shown[0](SimpleNamespace(layout=Bars(seen)), bpy.context)
+    assert seen == ["Run Sensor", "[50%] cloud 50%", "", "Esc: cancel"]
+    job.over = True
+    assert running.how_far(job) == "Run Sensor is stopping"
+
+
+# ------------------------------------------------------------------------------------------- overlay
+# Drawings over the view: one that breaks takes no other along, and is tried again when something changes.
+
+
+class Sheet:
+    """A drawing that counts how often it was drawn; a broken one fails."""
+
+    def __init__(self, broken=False):
+        self.broken, self.drawn = broken, 0
+
+    def draw(self, _context):
+        if self.broken:
+            raise ValueError("no vertices")
+        self.drawn += 1
+
+
+def test_a_broken_drawing_takes_no_other_along(registered, caplog):
+    sheets = [Sheet(), Sheet(broken=True), Sheet()]
+    drawings = [sheet.draw for sheet in sheets]
+    for _ in range(3):
+        overlay.draw(drawings, bpy.context)
+    assert [sheet.drawn for sheet in sheets] == [3, 0, 3]
+    assert len(caplog.records) == 1  # not at every redraw
+    sheets[1].broken = False
+    overlay.forget()
+    overlay.draw(drawings, bpy.context)
+    assert [sheet.drawn for sheet in sheets] == [4, 1, 4]
+
+
+def test_a_scanner_that_follows_a_curve_has_no_lines_and_others_keep_theirs(props, sensor):
+    sensor("mobile", follow="track")
+    sensor("mobile", name="one", poses=(spec.Pose(),))
+    sensor("sonar")
+    sensor("terrestrial")
+    bpy.context.view_layer.update()
+    found = list(overlay.lines(bpy.context.scene))
+    assert [sensors.kind_of(thing) for thing, _ in found] == ["terrestrial", "sonar"]
+    assert all(len(ends) for _, ends in found)
+
+
+def test_a_sensor_whose_lines_cannot_be_made_takes_no_other_along(
+    props, sensor, monkeypatch, caplog
+):
+    def broken(_sonar):
+        raise ZeroDivisionError
+
+    monkeypatch.setitem(KINDS, "sonar", replace(KINDS["sonar"], outline=broken))
+    for kind in spec.SENSORS:
+        sensor(kind)
+    bpy.context.view_layer.update()
+    with caplog.at_level(logging.ERROR):
+        found = {sensors.kind_of(thing) for thing, _ in overlay.lines(bpy.context.scene)}
+    assert found == set(spec.SENSORS) - {"sonar", "mobile"}  # which has no poses yet
+    assert "where echo looks" in caplog.text
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("kind", spec.SENSORS)
+@pytest.mark.parametrize("place", [(0, 0, 0), (1e6, -1e6, 1e-6), (0, 0, 1e4), (0, 0, -5)])
+def test_lines_are_finite_wherever_a_sensor_is_put(props, sensor, kind, place):
+    thing = sensor(kind)
+    thing.location = place
+    bpy.context.view_layer.update()
+    for _, ends in overlay.lines(bpy.context.scene):
+        assert np.isfinite(ends).all()
+        assert len(ends) > 0
+
+
+def test_the_chosen_sensor_is_drawn_strong_and_others_faint():
+    for colour in (kind.colour for kind in KINDS.values()):
+        (*_, strong), wide = overlay.strength(colour, True)
+        (*_, faint), narrow = overlay.strength(colour, False)
+        assert strong > 2 * faint
+        assert wide > narrow

@@ -1,13 +1,16 @@
 """Scene files opened and written by the panel, .blend files saved and opened again."""
 
 import json
+import math
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ui import test_panels
 from ui.pressing import (
     ROOT,
     counts,
@@ -17,10 +20,42 @@ from ui.pressing import (
     trees,
 )
 
-from forest_addon.formats.toml_file import read_settings
-from forest_addon.spec import Scene
+from forest_addon import api, spec
+from forest_addon.base.places import ASSETS
+from forest_addon.blender.files.export import empty_file
+from forest_addon.blender.scene import nodes
+from forest_addon.blender.scene.instances import read_points
+from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, RADIUS, SHARE, TREES, find_part
+from forest_addon.blender.sensors.observe import Observer
+from forest_addon.flight.woods import Stock
+from forest_addon.formats.toml_file import read_settings, table_of, write_settings
+from forest_addon.growth.library import find_species, load_species
+from forest_addon.spec import (
+    Accuracy,
+    Flight,
+    Forest,
+    Normal,
+    Output,
+    Planting,
+    Raster,
+    Reverb,
+    Scene,
+    Sonar,
+    Species,
+    Targets,
+    Terrestrial,
+)
+from forest_addon.spec.base import with_files
+from forest_addon.ui.forest.scene_file import write_scene
+from forest_addon.ui.overlay import seen_points
 from forest_addon.ui.settings import exchange
+from forest_addon.ui.settings import references as saved
+from forest_addon.ui.species.edit import relocated
 from headless.cli import main
+from headless.dataset import scene as dataset
+from headless.dataset.plan import Recipe
+
+from .test_panels import drawn
 
 BARE = "\n[output]\n" + "".join(
     f"{name} = false\n"
@@ -138,3 +173,459 @@ def test_the_offset_that_a_file_asks_for_is_taken_and_undone(small, tmp_path):
     assert bpy.context.scene.forest_sensing.offset == "[500028.0, 5400017.0, 0.0]"
     bpy.ops.ed.undo()
     assert "500028" not in bpy.context.scene.forest_sensing.offset
+
+
+# -------------------------------------------------------------------------------------- scene export
+# Exported scene files: they mean the same wherever they are written, and name the .blend they start from.
+
+SCENE_EXPORT_ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def slope(small):
+    """A mesh of the user's own, as large as the field and more."""
+    data = bpy.data.meshes.new("slope")
+    corners = [(-9, -9, 0), (15, -9, 1), (15, 15, 2), (-9, 15, 1)]
+    data.from_pydata(corners, [], [(0, 1, 2), (0, 2, 3)])
+    thing = bpy.data.objects.new("slope", data)
+    bpy.context.scene.collection.objects.link(thing)
+    bpy.context.view_layer.update()
+    return thing
+
+
+def test_files_are_named_from_where_the_scene_file_stands(small, tmp_path):
+    home, elsewhere = tmp_path / "home", tmp_path / "else" / "where"
+    home.mkdir()
+    elsewhere.mkdir(parents=True)
+    np.save(home / "hill.npy", np.ones((4, 4)))
+    origin = find_species("hazelnut", Path())
+    write_settings(
+        home / "own.toml", relocated(read_settings(origin, Species), origin.parent, home)
+    )
+    planting, small.folder = small.plantings[0], str(home)
+    exchange.write(planting.rasters.add(), Raster(file="hill.npy"))
+    planting.species = "own.toml"
+    assert write_scene(bpy.context.scene, elsewhere / "mine.toml") == ""
+    back = read_settings(elsewhere / "mine.toml", Scene).plantings[0]
+    assert back.rasters[0].file == "../../home/hill.npy"
+    species, _ = load_species(elsewhere / back.species)
+    assert species.name == "hazelnut"
+
+
+def test_what_is_shipped_or_missing_keeps_its_name(small, sensor, tmp_path):
+    sensor("sonar", name="flying", route="tanveer-eight.csv", call_file="gone.wav")
+    sensor("airborne", scanner="riegl-vux-1uav")
+    write_scene(bpy.context.scene, tmp_path / "mine.toml")
+    back = read_settings(tmp_path / "mine.toml", Scene)
+    assert back == exchange.to_spec(bpy.context.scene)
+    assert back.plantings[0].species == "hazelnut"
+
+
+def test_an_object_of_ones_own_needs_a_saved_file(slope, tmp_path):
+    path = tmp_path / "mine.toml"
+    wanting = write_scene(bpy.context.scene, path)
+    assert "slope" in wanting
+    assert "save that and export again" in wanting
+    assert read_settings(path, Scene).blend == ""
+    (tmp_path / "work").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "work" / "forest.blend"))
+    assert "save that too" not in write_scene(bpy.context.scene, path)
+    assert read_settings(path, Scene).blend == "work/forest.blend"
+
+
+def test_what_sensors_do_not_see_needs_none(slope, tmp_path):
+    slope["forest_ignored"] = True
+    assert write_scene(bpy.context.scene, tmp_path / "mine.toml") == ""
+    bpy.context.scene.forest_sensing.forest.terrain.object = "slope"
+    assert "save that and export again" in write_scene(bpy.context.scene, tmp_path / "mine.toml")
+
+
+@pytest.mark.slow
+def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
+    """A built forest on a terrain of one's own, exported to another folder."""
+    props = bpy.context.scene.forest_sensing
+    props.forest.terrain.object = "slope"
+    props.output = str(tmp_path / "panel")
+    bpy.data.objects["cloud"].location.z = 2
+    assert bpy.ops.forest.build() == {"FINISHED"}
+    assert bpy.ops.forest.run() == {"FINISHED"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
+    path = tmp_path / "scenes" / "mine.toml"
+    path.parent.mkdir()
+    assert bpy.ops.forest.save_scene(filepath=str(path)) == {"FINISHED"}
+    off = ("glb", "preview", "pictures", "goodness", "leaves", "report")
+    text = path.read_text() + "\n[output]\n" + "".join(f"{name} = false\n" for name in off)
+    path.write_text(text)
+    out = tmp_path / "headless"
+    assert main(["run", str(path), "--out", str(out), "--quiet"]) == 0
+    for name in ("cloud.laz", "reverb.wav", "echo.wav"):
+        assert (out / name).read_bytes() == (tmp_path / "panel" / name).read_bytes(), name
+    with bpy.data.libraries.load(str(out / "forest.blend")) as (inside, _):
+        sensors = [name for name in inside.objects if name.split(".")[0] in out_names()]
+    assert sorted(sensors) == sorted(out_names())
+
+
+def out_names():
+    """The sensors of the small forest: each stands there once."""
+    return {"cloud", "scan", "echo", "reverb"}
+
+
+def test_a_scene_of_instanced_collections_starts_from_its_blend(props, tmp_path):
+    home = bpy.data.collections.new("library")
+    data = bpy.data.meshes.new("stone")
+    data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    home.objects.link(bpy.data.objects.new("stone", data))
+    empty = bpy.data.objects.new("instance", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", home
+    bpy.context.scene.collection.objects.link(empty)
+    props.seed = 3
+    assert "instance" in write_scene(bpy.context.scene, tmp_path / "a.toml")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "here.blend"))
+    write_scene(bpy.context.scene, tmp_path / "a.toml")
+    assert read_settings(tmp_path / "a.toml", Scene).blend == "here.blend"
+
+
+@pytest.mark.parametrize("preset", ["tanveer-five-trees", "rioja-pines"])
+def test_no_route_leads_into_the_extensions_folder(props, tmp_path, preset):
+    """Files that a set-up of the add-on names go along, so that the scene file works on another machine."""
+    assert bpy.ops.forest.start(preset=preset) == {"FINISHED"}
+    before = exchange.to_spec(bpy.context.scene)
+    write_scene(bpy.context.scene, tmp_path / "mine.toml")
+    for file in tmp_path.rglob("*.toml"):
+        text = file.read_text("utf-8")
+        assert "../" not in text
+        assert str(ASSETS) not in text
+    named = []
+    with_files(
+        read_settings(tmp_path / "mine.toml", Scene), lambda file: named.append(file) or file
+    )
+    ours = [file for file in named if "mine-files/" in file]
+    assert ours
+    for file in ours:
+        assert (tmp_path / file).read_bytes() == next(ASSETS.rglob(Path(file).name)).read_bytes()
+    elsewhere = tmp_path / "else"
+    (tmp_path / "mine.toml").rename(tmp_path / "moved.toml")
+    elsewhere.mkdir()
+    bpy.ops.forest.load_scene(filepath=str(tmp_path / "moved.toml"))
+    assert len(exchange.to_spec(bpy.context.scene).sensors) == len(before.sensors)
+
+
+def test_files_that_are_dropped_are_taken(props, tmp_path):
+    """Handlers name operators that there are, and take a file at once."""
+    known = {"FOREST_FH_load_scene", "FOREST_FH_take_ground", "FOREST_FH_import_tree"}
+    handlers = {name: getattr(bpy.types, name) for name in known}
+    endings = " ".join(handler.bl_file_extensions for handler in handlers.values())
+    assert {".toml", ".laz", ".stl"} <= set(endings.replace(";", " ").split())
+    for handler in handlers.values():
+        room, _, name = handler.bl_import_operator.partition(".")
+        operator = getattr(getattr(bpy.ops, room), name).get_rna_type()
+        assert "filepath" in operator.properties
+        assert operator.properties["filepath"].is_skip_save
+    assert bpy.ops.forest.take_ground(filepath=str(tmp_path / "hill.laz")) == {"FINISHED"}
+    assert exchange.to_spec(bpy.context.scene).forest.terrain.file == str(tmp_path / "hill.laz")
+
+
+# --------------------------------------------------------------------------------------------- saved
+# Files that are saved and loaded: of today, of a later version, of somebody else.
+
+
+def reopened(path):
+    """The scene after saving to a file and loading that."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    return bpy.context.scene
+
+
+def test_a_file_of_a_newer_version_says_so(props, tmp_path, caplog):
+    props.seed, props.layout = 5, saved.LAYOUT + 1
+    for _ in range(2):  # also when it was saved here
+        props = reopened(tmp_path / "newer.blend").forest_sensing
+        assert props.notice.startswith("Saved by a newer version")
+        assert "Update Forest Sensing" in props.notice
+        assert "newer version" in caplog.text
+        assert props.layout == saved.LAYOUT + 1
+        assert "Saved by a newer version" in test_panels.drawn()
+    assert props.seed == 5
+    assert bpy.ops.forest.take_note() == {"FINISHED"}
+    assert not props.notice
+    assert not bpy.ops.forest.take_note.poll()
+
+
+def test_a_file_without_settings_of_ours_is_not_touched(props, tmp_path, caplog):
+    test_panels.drawn()  # drawing makes empty groups in Blender 4.5
+    scene = reopened(tmp_path / "own.blend")
+    assert exchange.untouched(scene.forest_sensing)
+    assert not scene.forest_sensing.is_property_set("layout")
+    assert len(bpy.data.objects) == 0
+    assert caplog.text == ""
+
+
+def test_handlers_go_with_the_add_on(registered):
+    from forest_addon import ui
+
+    handlers = bpy.app.handlers
+    lists = (handlers.load_post, handlers.blend_import_post, handlers.save_pre)
+    assert all(any(h.__module__ == saved.__name__ for h in hooked) for hooked in lists)
+    ui.unregister()
+    try:
+        assert not any(h.__module__ == saved.__name__ for hooked in lists for h in hooked)
+        assert not bpy.app.timers.is_registered(saved._look_at_all)
+    finally:
+        ui.register()
+
+
+def test_what_is_shown_in_other_units_is_not_stored(props, tmp_path, caplog):
+    """Angles, kHz and the instruments' names convert what a file has, and leave it in its units."""
+    props.seed = 4
+    scene = bpy.context.scene
+    for sensor in (spec.Sonar(beam_width_deg=(40, 40)), spec.Terrestrial(angle_step_deg=6)):
+        exchange.add_sensor(scene, sensor)
+    bpy.context.view_layer.update()
+    before = exchange.to_spec(scene)
+    bat = bpy.data.objects["echo"].forest_sensor.sonar
+    cloud = bpy.data.objects["cloud"].forest_sensor.terrestrial
+    assert list(bat.band_shown) == [60.0, 80.0]
+    assert cloud.angle_step_deg_shown == pytest.approx(math.radians(6))
+    for name in ("band_shown", "sample_rate_shown", "beam_width_deg_shown"):
+        setattr(bat, name, getattr(bat, name))
+    cloud.angle_step_deg_shown = cloud.angle_step_deg_shown
+    assert exchange.to_spec(scene) == before
+    scene = reopened(tmp_path / "today.blend")
+    assert exchange.to_spec(scene) == before
+    assert scene.forest_sensing.layout == saved.LAYOUT
+    assert (scene.forest_sensing.notice, caplog.text) == ("", "")
+
+
+# --------------------------------------------------------------------------------------------- doors
+# One scene through every door (API, panel, dataset, flight, command) is one forest, to the bit.
+
+BUSH = Planting(species="hazelnut", variants=2, expected=3, exact=True)
+SAPLING = Planting(
+    species="scots-pine",
+    variants=2,
+    expected=2,
+    exact=True,
+    targets=Targets(dbh=Normal(mean=0.05, sd=0.01), height=4.0),
+)
+CLAP = Reverb(source=(1, 1, 1), receiver=(5, 5, 1), sample_rate=4000, duration=0.05)
+BAT = Sonar(position=(-1.0, 3.0, 1.0), max_range=2.0)
+NOTHING = dict.fromkeys(
+    ("pictures", "goodness", "leaves", "report", "blend", "glb", "preview"), False
+)
+# Whether leaves are there: of a reverb without leaves none, of a bat at the edge those of near variants.
+SCENES = {
+    "full": ((BUSH,), (CLAP,), "full"),
+    "unheard": ((BUSH,), (CLAP,), "auto"),
+    "near": ((BUSH,), (BAT,), "auto"),
+    "looked at": ((BUSH,), (CLAP, Terrestrial(position=(3, 3, 1), angle_step_deg=20)), "auto"),
+    "measured": ((SAPLING, BUSH), (), "full"),
+}
+
+
+def scene_of(name):
+    plantings, sensors, detail = SCENES[name]
+    return Scene(
+        name="Doors",
+        seed=5,
+        forest=Forest(size=(6.0, 6.0), margin=2.0, instancing="points"),
+        plantings=plantings,
+        sensors=sensors,
+        accuracy=Accuracy(detail=detail, audit=0.0),
+        flight=Flight(distance=5.0),
+        output=Output(**NOTHING),
+    )
+
+
+def seen():
+    """The geometry that stands in Blender now."""
+    return Observer(bpy.context.evaluated_depsgraph_get()).geometry
+
+
+def by_api(scene, _folder):
+    empty_file()
+    api.build(scene)
+    return seen()
+
+
+def by_panel(scene, folder):
+    empty_file()
+    path = folder / "scene.toml"
+    write_settings(path, scene)
+    assert press("load_scene", filepath=str(path)) == {"FINISHED"}
+    assert press("build") == {"FINISHED"}
+    return seen()
+
+
+def by_dataset(scene, folder):
+    recipe = Recipe(
+        number=0,
+        split="train",
+        seed=0,
+        base="doors",
+        scene=table_of(scene.changed(sensors=())),
+        folder=str(folder),
+        ground={},
+        places=[],
+        keep={},
+        library=None,
+        varied={},
+    )
+    recipe.scene["sensors"] = table_of(scene).get("sensors", [])
+    out = folder / "dataset"
+    out.mkdir()
+    dataset.make(recipe, out, dataset.Session())
+    return seen()
+
+
+def by_flight(scene, _folder):
+    empty_file()
+    around = Stock(scene).surroundings()
+    around.world()
+    standing = seen()
+    same(around.geometry, standing)
+    return standing
+
+
+def by_command(scene, folder):
+    path = folder / "command.toml"
+    write_settings(path, scene)
+    assert main(["run", str(path), "--out", str(folder / "out"), "--quiet"]) == 0
+    return seen()
+
+
+def same(one, other):
+    """Two geometries, instance by instance, whatever the order of meshes."""
+    assert len(one) == len(other)
+    for name in ("transform", "tree", "species"):
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    for a, b in zip(one.mesh_index.tolist(), other.mesh_index.tolist(), strict=True):
+        for name in ("vertices", "triangles", "part", "leaf"):
+            ours, theirs = (getattr(g.meshes[k], name) for g, k in ((one, a), (other, b)))
+            assert np.array_equal(ours, theirs), name
+
+
+def leaves_of(geometry):
+    """Triangles of leaves that stand."""
+    each = np.array([(mesh.leaf >= 0).sum() for mesh in geometry.meshes])
+    return int(each[geometry.mesh_index].sum())
+
+
+@pytest.fixture(scope="module")
+def grown():
+    """Scenes as the API makes them."""
+    kept = {}
+
+    def made(name):
+        if name not in kept:
+            kept[name] = by_api(scene_of(name), None)
+        return kept[name]
+
+    return made
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("door", "name"),
+    [
+        *((by_panel, "measured"), (by_panel, "near"), (by_dataset, "looked at")),
+        *((by_dataset, "full"), (by_command, "near"), (by_command, "unheard")),
+    ],
+)
+def test_every_door_opens_on_the_same_forest(props, grown, door, name, tmp_path):
+    same(door(scene_of(name), tmp_path), grown(name))
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("name", ["unheard", "measured"])
+def test_a_flyer_meets_the_whole_forest(props, grown, name, tmp_path):
+    """It may come near any tree, so that its forest is that of full detail, whatever other sensors need."""
+    scene = scene_of(name)
+    met = by_flight(scene, tmp_path)
+    same(met, grown("full" if name == "unheard" else name))
+
+
+def test_who_hears_no_leaf_grows_none(grown):
+    assert leaves_of(grown("full")) > 1000
+    assert leaves_of(grown("unheard")) == 0
+    assert leaves_of(grown("looked at")) == leaves_of(grown("full"))
+
+
+# --------------------------------------------------------------------------------------- first nodes
+# Files with the first node groups. data/first-nodes.blend was saved with them, in Blender 4.5. Six trees as
+# points of one object, a cloud that was coloured by distance with points of 70 mm, an echo.
+
+FIRST = Path(__file__).with_name("data") / "first-nodes.blend"
+
+
+@pytest.fixture
+def first(registered):
+    bpy.ops.wm.open_mainfile(filepath=str(FIRST))
+    yield bpy.context.scene
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def placed(thing):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    depsgraph.update()
+    return read_points(thing.evaluated_get(depsgraph))
+
+
+def first_nodes_trees(scene):
+    (thing,) = find_part(scene, TREES).objects
+    return thing
+
+
+def cloud():
+    return next(t for t in bpy.data.objects if t.get(CLOUD_KEY) == "cloud")
+
+
+def test_its_trees_stand_as_they_stood_and_in_the_new_group_too(first):
+    thing = first_nodes_trees(first)
+    (modifier,) = thing.modifiers
+    was = placed(thing)
+    assert (modifier.node_group.name, len(was)) == ("Forest Instancer", 6)
+    libraries = [nodes._input(modifier, name)[0] for name in (nodes.VARIANTS, nodes.OUTLINES)]
+    thing.modifiers.remove(modifier)
+    nodes.give_instancer(thing, *libraries, light=False)
+    assert thing.modifiers[0].node_group.name == nodes.INSTANCER
+    now = placed(thing)
+    assert now.transform.tobytes() == was.transform.tobytes()
+    assert [s.name for s in now.source] == [s.name for s in was.source]
+    for column in ("index", "tree", "species"):
+        assert (getattr(now, column) == getattr(was, column)).all()
+
+
+def test_light_views_of_the_first_group_are_read_in_full(first):
+    thing = first_nodes_trees(first)
+    nodes.set_input(thing.modifiers[0], nodes.LIGHT, True)
+    assert {source.name[-7:] for source in placed(thing).source} == {"outline"}
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    with nodes.in_full(depsgraph):
+        inside = read_points(thing.evaluated_get(depsgraph))
+        assert "outline" not in {source.name[-7:] for source in inside.source}
+    assert nodes.is_light(thing.modifiers[0])
+
+
+@pytest.mark.medium
+def test_its_cloud_is_drawn_and_takes_new_points_as_it_is(first):
+    thing = cloud()
+    (modifier,) = thing.modifiers
+    group = modifier.node_group
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    position, colour, _ = seen_points(thing.evaluated_get(depsgraph))
+    assert len(position) == len(thing.data.vertices) > 400
+    assert len(np.unique(colour.round(3), axis=0)) > 50  # by distance
+    assert {"Distance", "Radius"} <= {nodes.chosen_input(modifier, COLOUR_BY), *drawn()}
+    assert run("cloud") == {"FINISHED"}
+    assert (cloud(), list(thing.modifiers)) == (thing, [modifier])
+    assert modifier.node_group == group
+    assert nodes.chosen_input(modifier, COLOUR_BY) == "Distance"
+    assert nodes._input(modifier, RADIUS)[0] == pytest.approx(0.07)
+
+
+@pytest.mark.medium
+def test_a_new_cloud_in_such_a_file_has_the_new_inputs(first):
+    bpy.data.objects.remove(cloud())
+    assert run("cloud") == {"FINISHED"}
+    assert nodes.has_input(cloud().modifiers[0], SHARE)

@@ -1,18 +1,22 @@
 """Texts can be translated: none with values in it passes Blender's catalogs by, and languages come out."""
 
 import ast
+import importlib.util
 import json
 import re
 import shutil
 import string
 import subprocess
 import sys
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon import ui
+from forest_addon.ui.settings import preferences
 from forest_addon.ui.shell import words
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -364,3 +368,221 @@ def test_a_language_comes_out_of_blender(registered, monkeypatch, tmp_path):
         assert bpy.app.translations.pgettext_iface("Paint", "Operator") == "Malen"
     finally:
         view.language = before
+
+
+# ------------------------------------------------------------------------------------------ glossary
+# Names and tooltips of everything that Blender knows of ours, by the rules of docs/glossary.md.
+
+# Words of the glossary's other column: kin of trees, identifiers and left-overs of scene files.
+UNWANTED = {
+    r"\b(daughters?|mothers?|sisters?|sons?)\b": "child, parent",
+    r"\b[a-z]+_[a-z_]+\b": "a word, not an identifier",
+    r"\bleft out:": "off:",
+    r"\bSd\b|\bCrs\b|\bDbh\b|\bCsv\b|\bLidar\b": "capitals",
+    r"\b1 (trees|points|pulses|pings|runs|frames|leaves|channels)\b": "the singular",
+    r"\d{4,}(?= (trees|points|pulses))": "thousands with separators",
+    r"  |\s$|^\s| [,.;:](\s|$)": "single spaces",
+    r"\bmetres a second\b|\bmtr\b|\bsecs?\b": "units as Blender writes them",
+}
+# Names of columns in files, which must be written as they are there.
+COLUMNS = re.compile(r"CSV|counted from 0")
+BLENDERS = {"bl_options", "align", "location", "rotation"}  # inherited from its classes
+NAMELESS = {"POINTER", "COLLECTION"}  # Blender shows no tooltip of groups and lists themselves
+UNSEEN = {  # kept in files, or set by a button for its operator; no panel draws them
+    *("layout", "notice", "built", "handle", "thing", "standing", "made_of", "caption", "kind"),
+    *("frame", "said", "stale", "shown", "file", "filter_glob", "remove_name", "remove_active"),
+    *("sure", "result", "sensor", "scanner", "values", "preset", "directory", "files", "wood"),
+    *("leaves", "height", "title", "accept", "filepath", "frames", "keep", "again", "choice"),
+    *("colour", "name", "value", "origin", "folder", "grown", "found"),
+}
+
+
+def properties_of(cls):
+    """The properties of a class that we wrote, operators' from Blender's own record of them."""
+    own = {name for base in cls.__mro__ for name in getattr(base, "__annotations__", {})}
+    rna = cls.bl_rna
+    if issubclass(cls, bpy.types.Operator):
+        room, verb = cls.bl_idname.split(".")
+        rna = getattr(getattr(bpy.ops, room), verb).get_rna_type()
+    return [known for known in rna.properties if known.identifier in own - BLENDERS]
+
+
+def texts():
+    """(place, text) of every name and tooltip."""
+    for cls in ui._classes():
+        if getattr(cls, "bl_label", ""):
+            yield cls.__name__, cls.bl_label
+        if issubclass(cls, bpy.types.Operator):
+            words = getattr(cls, "bl_description", "") or (cls.__doc__ or "").strip()
+            yield cls.__name__, words.partition("\n\n")[0]
+        for known in properties_of(cls):
+            place = f"{cls.__name__}.{known.identifier}"
+            if known.name != known.identifier:
+                yield place, known.name
+            yield place, known.description
+            for item in getattr(known, "enum_items", ()):
+                yield f"{place}.{item.identifier}", item.name
+                yield f"{place}.{item.identifier}", item.description
+
+
+def problems(place, text):
+    """Return the faults of a text, in words."""
+    if not text:
+        return []
+    found = [
+        f"{place}: {text!r} has {hit.group()!r}; write {instead}"
+        for pattern, instead in UNWANTED.items()
+        for hit in [re.search(pattern, text)]
+        if hit and not (COLUMNS.search(text) and "_" in hit.group())
+    ]
+    first = text[0]
+    if first.islower() and not "α" <= first <= "ω":
+        found.append(f"{place}: {text!r} begins with a small letter")
+    if re.search(r"\w{6,}\.$", text):
+        found.append(f"{place}: {text!r} ends with a full stop, which Blender adds itself")
+    return found
+
+
+def test_every_name_and_tooltip_keeps_the_glossary(registered):
+    every = list(texts())
+    assert len(every) > 1500
+    assert [wrong for place, text in every for wrong in problems(place, text)] == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "How many daughters it bears",
+        "Needs max_returns above 1",
+        "Extent; left out: as the field",
+        "Range Sd",
+        "1 pings",
+        "10000 points",
+        "handle",
+        "Stop what is running.",
+        "Two  spaces",
+    ],
+)
+def test_the_rules_see_what_is_wrong(text):
+    assert problems("here", text)
+
+
+@pytest.mark.parametrize("text", ["λ of the call", "Children fork", "1 ping", "10,000 points"])
+def test_the_rules_let_pass_what_may(text):
+    assert problems("here", text) == []
+
+
+def test_what_is_drawn_has_a_name_and_a_tooltip(registered):
+    """Without a name Blender shows the identifier, in small letters and underscores."""
+    nameless = [
+        f"{cls.__name__}.{known.identifier}"
+        for cls in ui._classes()
+        for known in properties_of(cls)
+        if known.type not in NAMELESS and known.identifier not in UNSEEN
+        if known.name == known.identifier or not known.description
+    ]
+    assert nameless == []
+
+
+def test_entries_of_a_menu_differ_in_what_they_say(registered):
+    """An entry whose tooltip repeats the menu's says nothing of what it does."""
+    alike = {
+        f"{cls.__name__}.{known.identifier}"
+        for cls in ui._classes()
+        for known in properties_of(cls)
+        if known.type == "ENUM" and len(known.enum_items) > 1
+        if len({item.description for item in known.enum_items}) < len(known.enum_items)
+    }
+    assert alike == set()
+
+
+@pytest.mark.medium
+def test_texts_of_the_code_keep_the_glossary():
+    """Messages, labels and buttons, which stand in the code."""
+    import sys
+    from pathlib import Path
+
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "packaging"))
+    try:
+        import list_words
+    finally:
+        sys.path.pop(0)
+    every = [(place, text) for _, text, place in list_words.of_code()]
+    assert len(every) > 300
+    wrong = [
+        line
+        for place, text in every
+        for line in problems(place, text)
+        if not re.search("small letter|single spaces|full stop", line)  # parts of lines
+        if not re.search(r"\{\w+_\w+\}", text)
+    ]
+    assert wrong == []
+
+
+# -------------------------------------------------------------------------------------------- manual
+# F1: every button and setting of ours leads to a place that the manual has.
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """The manual as the extension carries it, by file name."""
+    spec = importlib.util.spec_from_file_location("wm", ROOT / "packaging/write_manual.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    folder = tmp_path_factory.mktemp("manual")
+    module.write_manual(folder)
+    texts = {path.name: path.read_text(encoding="utf-8") for path in folder.glob("*.html")}
+    return folder, texts
+
+
+def names_of_ours():
+    """As Blender names what is under the mouse: operators, and properties of their groups."""
+    for name in dir(bpy.ops.forest):
+        yield f"bpy.ops.forest.{name}"
+    for group in bpy.types.PropertyGroup.__subclasses__():
+        if group.__name__.startswith("FOREST_PG_") and group.is_registered:
+            keys = group.bl_rna.properties.keys()
+            yield from (f"bpy.types.{group.__name__}.{key}" for key in keys)
+
+
+def found(name, mapping):
+    """As Blender looks it up: the first pattern that fits the name in small letters."""
+    return next((page for pattern, page in mapping if fnmatchcase(name.lower(), pattern)), None)
+
+
+@pytest.mark.slow
+def test_everything_leads_to_a_place_that_is_there(registered, pages):
+    _, texts = pages
+    names, mapping = list(names_of_ours()), list(preferences._pages())
+    assert len(names) > 400
+    for name in names:
+        page, _, place = (found(name, mapping) or "nowhere").partition("#")
+        assert page in texts, name
+        assert not place or f'id="{place}"' in texts[page], (name, place)
+
+
+def test_a_setting_leads_to_its_own_line(registered):
+    mapping = list(preferences._pages())
+    lines = {
+        "bpy.types.FOREST_PG_sonar.tolerance": "scene-file.html#sonar.tolerance",
+        "bpy.types.FOREST_PG_sonar.use_record": "scene-file.html#sonar.record",
+        "bpy.ops.forest.import_tree": "template.html",
+    }
+    assert {name: found(name, mapping) for name in lines} == lines
+
+
+def test_pages_show_pictures_and_lead_to_each_other_alone(pages):
+    folder, texts = pages
+    for name, text in texts.items():
+        for picture in re.findall(r'src="([^"]+)"', text):
+            assert (folder / picture).is_file(), (name, picture)
+        for link in re.findall(r'href="([^"]+)"', text):
+            if not link.startswith(("http", "#")):
+                page, _, place = link.partition("#")
+                assert page in texts, (name, link)
+                assert not place or f'id="{place}"' in texts[page], (name, link)
+
+
+def test_blender_is_told_where_they_are_and_forgets_it(registered):
+    prefix, mapping = next(found for found in bpy.utils.manual_map() if "forest" in str(found[1]))
+    assert (Path(prefix.removeprefix("file://")) / mapping[0][1].partition("#")[0]).is_file()

@@ -26,7 +26,7 @@ from ...kernels import CastScene
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
-from ...sensing.rays.search import TASK, Search, in_tasks, whole_triangles
+from ...sensing.rays.search import Search, in_tasks, whole_triangles
 
 FOLDERS = ("lib", "blender.shared", ".", "../Frameworks", "../Resources/lib")
 FILES = {"win32": ("embree4*.dll",), "darwin": ("libembree4*.dylib",)}
@@ -212,22 +212,19 @@ class EmbreeCaster(Search):
             limits = {"min_distance": min_distance, "leaving": leaving}
             return super().cast(origins, directions, max_distance, **limits)
         count = len(origins)
-        from_, ways = (
-            np.ascontiguousarray(rays, np.float64).reshape(count, 3)
-            for rays in (origins, directions)
-        )
-        limits = [np.broadcast_to(limit, count) for limit in (min_distance, max_distance)]
-        nothing = np.full(min(count, TASK), -1)
-        hits = Hits(*(np.empty((count, *size), kind) for size, kind in COLUMNS))
+        rays = [
+            np.ascontiguousarray(given, np.float64).reshape(count, 3)
+            for given in (origins, directions)
+        ]
+        rays += [np.full(count, limit, np.float64) for limit in (min_distance, max_distance)]
+        nothing = np.full(count, -1)
+        rays += [nothing] * 2 if leaving is None else [leaving.instance, leaving.triangle]
+        hits = Hits.misses(count)
+        rays += vars(hits).values()
 
         def task(part: slice) -> None:
-            rays = [from_[part], ways[part]]
-            rays += [np.ascontiguousarray(limit[part], np.float64) for limit in limits]
-            rays += [nothing[: len(rays[0])]] * 2
-            if leaving is not None:
-                rays[4:] = leaving.instance[part], leaving.triangle[part]
-            found = (column[part] for column in vars(hits).values())
-            library.cast_rays(self._described, len(rays[0]), *rays, *found)
+            columns = [column[part] for column in rays]
+            library.cast_rays(self._described, len(columns[0]), *columns)
 
         in_tasks(task, count, self.threads)
         return hits
@@ -278,9 +275,6 @@ def met_by(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     met = np.flatnonzero(whole[:, HIT_GEOMETRY] != NONE)
     named = whole[met][:, [HIT_INSTANCE, HIT_PRIMITIVE]].astype(np.int64)
     return met, named[:, 0], named[:, 1]
-
-
-COLUMNS = ((), np.float64), ((), np.int64), ((), np.int64), ((3,), np.float64)  # of ``Hits``
 
 
 class EmbreeBuild:

@@ -286,7 +286,8 @@ def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Materia
     place = graph.place()
     sunny = graph.math("MULTIPLY_ADD", graph.axis(graph.place("Generated"), "Z"), 0.35, -0.25)
     sunny = graph.math("MULTIPLY_ADD", graph.noise(place, 0.9, 2.0), 0.55, sunny)
-    tone = graph.math("MULTIPLY_ADD", shade, 0.65, sunny)
+    apart = 0.65 if veins != "none" else 0.2  # shoots of one tree are more alike than leaves
+    tone = graph.math("MULTIPLY_ADD", shade, apart, sunny)
     above = tones = graph.ramp(tone, _tones(LEAF_TONES, colour), name=LEAF_TONES)
     if veins != "none":
         vein, between = _veins(graph, veins == "palm")

@@ -259,5 +259,4 @@ def _put(data: bpy.types.Mesh, domain: str, column: str, values: np.ndarray) -> 
 def _get(data: bpy.types.Mesh, domain: str, column: str) -> np.ndarray:
     """A column as float64 or int64, (N,) or (N, 3)."""
     name, kind = COLUMNS[column]
-    values = read(data, name, kind, domain)
-    return values.astype(np.int64 if kind == "INT" else np.float64)
+    return read(data, name, kind, domain).astype(np.int64 if kind == "INT" else np.float64)

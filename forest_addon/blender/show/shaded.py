@@ -84,8 +84,8 @@ def noise(place: np.ndarray) -> np.ndarray:
     for corner in product((0, 1), repeat=3):
         lattice = (cell + corner).astype(np.int64).astype(np.uint64)
         key = child_keys(child_keys(lattice[:, 0], lattice[:, 1]), lattice[:, 2])
-        share = np.where(corner, step, 1.0 - step).prod(axis=1)
-        value += share * (key >> np.uint64(11)) * 2.0**-53
+        x, y, z = np.where(corner, step, 1.0 - step).T
+        value += x * y * z * (key >> np.uint64(11)) * 2.0**-53
     return value
 
 

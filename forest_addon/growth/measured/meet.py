@@ -44,6 +44,7 @@ MOST_LEAVES = 5_000_000
 STRETCHES = 12
 BARE = 1.2  # of the crown's width, that wood without leaves may be wide
 YOUNG, OLD = 0.15, 0.4  # metres of diameter
+POINTED = 0.9  # how full the crown of a seedling is above its widest place; 1 is a cone
 ROUNDS = 20
 CORE = 1.5  # radii of the stem, within which wood is the stem's
 FARTHEST = 4.0  # that parts are stretched or squeezed, against the tree of that height
@@ -94,7 +95,9 @@ def grow_crown(
     if crown.dome:  # its widest place moves up as its tree grows old
         age = np.clip((wanted.dbh - YOUNG) / (OLD - YOUNG), 0.0, 1.0)
         widest = float(np.clip(crown.widest + crown.dome * age, 0.0, 0.9))
-        crown = crown.changed(widest=widest)
+        young = min(wanted.dbh / YOUNG, 1.0)  # below, it is the more pointed, and widest the lower
+        top = young * crown.top + (1 - young) * POINTED
+        crown = crown.changed(widest=young * widest, top=top)
     tree = np.array([key], np.uint64)
     rng = np.random.Generator(np.random.PCG64(key))
     margin = min(

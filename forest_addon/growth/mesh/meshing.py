@@ -19,8 +19,8 @@ of half the bend: that is where two cylinders really meet, and the tube keeps it
 
 Bark in relief: ridges, plates and scales are functions of the way around the stem and of that along it, both
 in metres, and run on without a seam. A cross-section is oval besides, and its long side turns slowly on the
-way up. Every ring keeps its area: its radii r·f are divided by √mean(f²), so that volumes and the DBH of a
-circle of the same area stay.
+way up. The foot of a stem runs out into roots. Every ring keeps its area: its radii r·f are divided by
+√mean(f²), so that volumes and the DBH of a circle of the same area stay.
 """
 
 from __future__ import annotations
@@ -263,6 +263,9 @@ MOST_CORNERS = 360
 SMALLEST = 0.035  # metres: scales that are smaller are meshed as if they had this size
 DEEPEST = 0.25  # of a ring's radius, that a furrow is deep at most
 TURNS = 1.3  # radians a metre, by which the long side of an oval turns at most
+ROOTS = (4, 7)  # that a stem runs out into, from and below
+HIGHEST = 5.0  # radii of the foot, up to which roots are seen
+SHARP = 22.0  # how narrow roots are, from above
 
 
 @dataclass(frozen=True)
@@ -270,7 +273,8 @@ class Relief:
     """Bark in relief.
 
     texture : as ``spec.Bark`` has it. size, depth : of ridges, metres. ovality : relative.
-    upper_from : share of an axis' length from which it is nearly smooth. seed : of all draws.
+    upper_from : share of an axis' length from which it is nearly smooth. seed : of all draws. roots : how far
+    they stand out of a stem's foot, over its radius.
     """
 
     texture: str
@@ -279,6 +283,7 @@ class Relief:
     ovality: float
     upper_from: float
     seed: int
+    roots: float = 0.0
 
     @property
     def rings(self) -> float:
@@ -286,8 +291,12 @@ class Relief:
         return ALONG if self.texture in ("plated", "cracked") else RUNNING
 
     def most(self, radius: float) -> float:
-        """Bound how far the surface of a stem of this radius lies from its circle, metres."""
+        """Bound how far the surface of a stem of this radius, above roots, lies from its circle, metres."""
         return self.depth + 0.7 * self.ovality * radius if radius >= FROM else 0.0
+
+    def highest(self, radius: float) -> float:
+        """Bound how far above the ground roots make a stem of this radius no cone, metres."""
+        return HIGHEST * radius if self.roots > 0 and radius >= FROM else 0.0
 
     def corners(self, radius: np.ndarray) -> np.ndarray:
         """(A,) corners that rings of these radii (A,) need; 0 of a smooth axis."""
@@ -315,24 +324,38 @@ class Relief:
         return Line(first, point, below, between, line.order, line.sides)
 
     def factor(
-        self, corners: int, radius: np.ndarray, metres: np.ndarray, length: float, axis: int
+        self, corners: int, radius: np.ndarray, metres: np.ndarray, axis: int, stem: bool
     ) -> np.ndarray:
         """(R, corners) radii over their means, of rings of one axis.
 
-        radius, metres : (R,) of rings, and how far along the axis they are. length : of the axis, metres.
+        radius, metres : (R,) of rings, and how far along the axis they are. stem : it stands on roots.
         """
         rng = stream(self.seed, "relief", axis)
         angle = 2 * np.pi * np.arange(corners) / corners
         f = 1 + self._oval(angle, metres, rng)
         depth = self.depth * np.minimum(radius / FULL, 1.0)
-        share = np.clip((metres / max(length, 1e-9) - self.upper_from) / 0.15, 0.0, 1.0)
+        share = metres / max(float(metres[-1]), 1e-9) - self.upper_from
+        share = np.clip(share / 0.15, 0.0, 1.0)
         depth = depth * (1 - 0.85 * share)
         if self.depth > 0:
             ridges = self._ridges(angle, metres, float(radius.max()), rng)
             low = ridges - ridges.mean(axis=1, keepdims=True)
             f = f + low * np.minimum(depth / np.maximum(radius, 1e-9), DEEPEST)[:, None]
+        if stem and self.highest(float(radius[0])):
+            f = f + self._rooted(angle, metres / self.highest(float(radius[0])), axis)
         area = np.mean(f * np.roll(f, 1, axis=1), axis=1)
         return np.asarray(f / np.sqrt(area)[:, None])
+
+    def _rooted(self, angle: np.ndarray, up: np.ndarray, axis: int) -> np.ndarray:
+        """(R, N) relief of roots, over the radius, at shares (R,) of the height where the highest ends."""
+        rng = stream(self.seed, "roots", axis)
+        many = int(rng.integers(*ROOTS))
+        way = 2 * np.pi * (np.arange(many) + 0.6 * rng.random(many)) / many
+        total = np.zeros((len(up), len(angle)))
+        for at, size, tall in zip(way, *rng.uniform(0.5, 1.0, (2, many)), strict=True):
+            left = np.clip(1 - up / tall, 0.0, 1.0)[:, None] ** 3
+            total += size * left * np.exp(SHARP * (np.cos(angle - at + 0.5 * up[:, None]) - 1))
+        return self.roots * total
 
     def _oval(self, angle: np.ndarray, metres: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Oval cross-sections, and the weaker third and fourth harmonics that stems have."""
@@ -639,7 +662,8 @@ def _tubes(line: Line, with_uv: bool, relief: Relief | None = None) -> TriMesh:
         middle = v + size * n
         np.matmul(rings.plane[low:high], spread, out=vertices[v:middle].reshape(size, 3 * n))
         if relief is not None:
-            _roughen(vertices[v:middle].reshape(size, n, 3), rings, (int(a), int(b)), relief)
+            stem = line.order[a:b] == 0
+            _roughen(vertices[v:middle].reshape(size, n, 3), rings, int(a), stem, relief)
         vertices[middle : middle + tubes] = line.point[line.first[a:b]]
         vertices[middle + tubes : middle + 2 * tubes] = line.point[last[a:b]]
         _triangulate(triangles[t:stop], n, v, wall, feet, tips, middle)
@@ -672,17 +696,19 @@ def _tubes(line: Line, with_uv: bool, relief: Relief | None = None) -> TriMesh:
     )
 
 
-def _roughen(out: np.ndarray, rings: _Rings, axes: tuple[int, int], relief: Relief) -> None:
-    """Give rings (R, n, 3) of a range of axes, which have as many corners, the relief of their bark."""
-    low = rings.first[axes[0]]
-    for axis in range(*axes):
+def _roughen(out: np.ndarray, rings: _Rings, first: int, stem: np.ndarray, relief: Relief) -> None:
+    """Give rings (R, n, 3) of axes from ``first`` on, which have as many corners, the relief of their bark.
+
+    stem : (A,) whether each axis is a stem.
+    """
+    low = rings.first[first]
+    for axis, stands in enumerate(stem.tolist(), first):
         rows = slice(rings.first[axis] - low, rings.first[axis + 1] - low)
         mine = slice(rings.first[axis], rings.first[axis + 1])
         radius = rings.radius[mine]
         if not len(radius) or radius.max() < FROM:
             continue
-        metres = rings.metres[mine]
-        factor = relief.factor(out.shape[1], radius, metres, float(metres[-1]), axis)
+        factor = relief.factor(out.shape[1], radius, rings.metres[mine], axis, stands)
         centre = rings.plane[mine, None, :3]
         out[rows] = centre + factor[:, :, None] * (out[rows] - centre)
 

@@ -397,5 +397,4 @@ def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray
     keys = child_keys(keys, np.tile(np.arange(each), len(twigs)))
     sites = set_leaves(leaf, keys, foot, heading, across(heading), azimuth, np.repeat(twigs, each))
     mesh = lay(sites, blade)
-    facets: np.ndarray = mesh.vertices[mesh.triangles] / unit
-    return facets
+    return mesh.vertices[mesh.triangles] / unit

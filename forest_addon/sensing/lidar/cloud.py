@@ -66,8 +66,7 @@ def label(
 def cosines(normal: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """(R,) |cos| between unit vectors (R, 3)."""
     n, d = normal, directions
-    cosine: np.ndarray = np.abs(n[:, 0] * d[:, 0] + n[:, 1] * d[:, 1] + n[:, 2] * d[:, 2])
-    return cosine
+    return np.abs(n[:, 0] * d[:, 0] + n[:, 1] * d[:, 1] + n[:, 2] * d[:, 2])
 
 
 def organs(scene: SceneGeometry, hits: Hits) -> np.ndarray:

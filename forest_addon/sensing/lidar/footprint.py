@@ -231,8 +231,7 @@ def _patches(
     linked &= cosines(one[3], other[3]) > ALIKE
     links = (np.ones(np.count_nonzero(linked), dtype=bool), (i[both[linked]], j[both[linked]]))
     graph = coo_array(links, shape=(len(subray), len(subray)))
-    patch: np.ndarray = connected_components(graph, directed=False)[1]
-    return patch
+    return connected_components(graph, directed=False)[1]
 
 
 def _plane(one: tuple[np.ndarray, ...], other: tuple[np.ndarray, ...]) -> np.ndarray:

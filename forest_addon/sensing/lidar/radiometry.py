@@ -164,8 +164,7 @@ def range_error(
         + (noise.range_ppm * 1e-6 * distance) ** 2
         + (noise.incidence_sd * tangent) ** 2
     )
-    error: np.ndarray = np.sqrt(variance) * keyed_normal(keys, "range")
-    return error
+    return np.sqrt(variance) * keyed_normal(keys, "range")
 
 
 def registration(noise: Noise, key: np.ndarray, time: np.ndarray) -> tuple[Rotation, np.ndarray]:

@@ -33,8 +33,7 @@ def ranks(pulse: np.ndarray) -> np.ndarray:
         return pulse
     first = np.flatnonzero(np.append(True, np.diff(pulse) != 0))
     size = np.diff(np.append(first, len(pulse)))
-    rank: np.ndarray = np.arange(len(pulse)) - np.repeat(first, size)
-    return rank
+    return np.arange(len(pulse)) - np.repeat(first, size)
 
 
 def awake(echoes: WaveformEchoes, dead_zone: float) -> np.ndarray:
@@ -71,8 +70,7 @@ def chosen_returns(echoes: WaveformEchoes, most: int, keep: str) -> np.ndarray:
         beyond = np.append(echoes.pulse[1:], -1)  # pulse of the next echo
         others = (echoes.pulse == beyond) | (keep == "strongest")
         order = np.lexsort((-echoes.energy, others, echoes.pulse))
-    kept: np.ndarray = np.sort(order[ranks(echoes.pulse[order]) < most])
-    return kept
+    return np.sort(order[ranks(echoes.pulse[order]) < most])
 
 
 def reading(scanner: Scanner, light: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -101,8 +99,7 @@ def noisy_light(scanner: Scanner, echoes: WaveformEchoes, keys: np.ndarray) -> n
     """(E,) light of echoes with the receiver's noise, 1/m². keys : (P,) uint64 keys of the pulses."""
     drawn = child_keys(keys[echoes.pulse], AMPLITUDE + ranks(echoes.pulse))
     spread = detection_limit(scanner) / scanner.receiver.threshold_snr
-    light: np.ndarray = echoes.energy + spread * keyed_normal(drawn, "amplitude")
-    return light
+    return echoes.energy + spread * keyed_normal(drawn, "amplitude")
 
 
 def false_echoes(scanner: Scanner, keys: np.ndarray) -> WaveformEchoes:

@@ -104,8 +104,7 @@ def pane_reflectance(before: np.ndarray, behind: np.ndarray, ratio: np.ndarray) 
     """(R,) share of unpolarised light that a clear pane reflects, all its inner reflections added as
     powers: 2ρ/(1 + ρ) of each polarisation (Born & Wolf 1999, 7.6, without interference)."""
     across, within = (2 * share / (1 + share) for share in reflectances(before, behind, ratio))
-    pane: np.ndarray = (across + within) / 2
-    return pane
+    return (across + within) / 2
 
 
 def spread(
@@ -124,8 +123,7 @@ def spread(
     """
     across = first + second / ratio
     within = behind / before * (first + second * before**2 / (ratio * behind**2))
-    area: np.ndarray = ratio**2 * across * within
-    return area
+    return ratio**2 * across * within
 
 
 def absorption_of_water(wavelength_nm: float) -> float:
@@ -137,8 +135,7 @@ def absorption_of_water(wavelength_nm: float) -> float:
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    unit: np.ndarray = vectors / np.sqrt(np.einsum("rk,rk->r", vectors, vectors))[:, None]
-    return unit
+    return vectors / np.sqrt(np.einsum("rk,rk->r", vectors, vectors))[:, None]
 
 
 # Bounces: rays that a mirror, a pane or a surface of water turns, and what they meet after that.
@@ -389,8 +386,7 @@ def _at_specular(
 
 def _is_said(values: np.ndarray) -> np.ndarray:
     """(N,) bool: neither left out nor left to "auto"."""
-    said: np.ndarray = ~np.isnan(values) & (values != AUTO)
-    return said
+    return ~np.isnan(values) & (values != AUTO)
 
 
 def _check(scene: SceneGeometry, rows: np.ndarray, mesh: int) -> None:

@@ -207,8 +207,7 @@ def beam_areas(scan: TractorScan, tractor: Tractor, *, from_vertical: bool = Fal
     step = np.deg2rad(tractor.angle_step_deg) * (-1 if from_vertical else 1)
     wide = np.abs(np.sin(angle + step) - np.sin(angle))
     reach = np.where(is_wood(scan.organ), scan.distance, 0.0)
-    area: np.ndarray = tractor.step * reach * wide
-    return area
+    return tractor.step * reach * wide
 
 
 def impacted_area(scan: TractorScan, tractor: Tractor) -> float:

@@ -139,8 +139,7 @@ def inverse(directions: np.ndarray) -> np.ndarray:
     small = np.abs(directions) < TINY
     if small.any():
         directions = np.where(small, TINY, directions)
-    slope: np.ndarray = 1.0 / directions
-    return slope
+    return 1.0 / directions
 
 
 def slabs(
@@ -162,8 +161,7 @@ def slabs(
 
 
 def _meets(entry: np.ndarray, leave: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    met: np.ndarray = entry <= np.minimum(leave * WIDER, limit)
-    return met
+    return entry <= np.minimum(leave * WIDER, limit)
 
 
 def _levels(low: np.ndarray, high: np.ndarray) -> list[Box]:

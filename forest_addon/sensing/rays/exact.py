@@ -198,8 +198,7 @@ def meet(corners: tuple[np.ndarray, ...], origin: np.ndarray, way: np.ndarray) -
         second = np.einsum("ki,ki->k", q, way) / determinant
         t = np.einsum("ki,ki->k", v, q) / determinant
         inside = (first >= -EDGE) & (second >= -EDGE) & (first + second <= 1 + EDGE)
-    met: np.ndarray = np.where(inside & (t >= 0), t, np.inf)
-    return met
+    return np.where(inside & (t >= 0), t, np.inf)
 
 
 def _slabs(
@@ -411,5 +410,4 @@ def _alike(one: Hits, other: Hits) -> np.ndarray:
     """(R,) bool: both miss, or meet something at about the same distance."""
     with np.errstate(invalid="ignore"):
         near = np.abs(one.distance - other.distance) < SAME
-    alike: np.ndarray = near | (~one.found & ~other.found)
-    return alike
+    return near | (~one.found & ~other.found)

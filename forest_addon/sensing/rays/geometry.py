@@ -194,8 +194,7 @@ def boxes_of(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def apply_transform(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points (P, 3) through one (3, 4) transform."""
-    moved: np.ndarray = points @ transform[:, :3].T + transform[:, 3]
-    return moved
+    return points @ transform[:, :3].T + transform[:, 3]
 
 
 def invert_transforms(transform: np.ndarray) -> np.ndarray:

@@ -27,8 +27,7 @@ def tree_around(caster: RayCaster, points: np.ndarray) -> np.ndarray:
     along = np.einsum("ri,ri->r", hit_normals(scene, hits), np.tile(ways, (len(points), 1)))
     behind = hits.found & (np.where(flipped, -along, along) > 0)
     tree = np.where(behind, scene.tree[hits.instance], -1).reshape(-1, RAYS)
-    found: np.ndarray = np.where((tree == tree[:, :1]).all(axis=1), tree[:, 0], -1)
-    return found
+    return np.where((tree == tree[:, :1]).all(axis=1), tree[:, 0], -1)
 
 
 def _ways() -> np.ndarray:

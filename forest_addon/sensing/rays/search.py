@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ...base.trimesh import TriMesh
-from .caster import Hits, RayCaster, unit_columns
+from .caster import ROWS, Hits, RayCaster, unit_columns
 from .geometry import SceneGeometry, TriangleTable
 
 TASK = 4096  # rays; a multiple of 16, so that packets do not depend on the number of threads
@@ -97,11 +97,8 @@ class Search(RayCaster, ABC):
             begin, way, limit = _taken(rays, from_, ways, far)
             return self._nearest(begin, way, start, limit)
 
-        found = search_on(nearest, near, far, left.select(sound))
-        if len(sound) == len(origins):
-            return found
         hits = Hits.misses(len(origins))
-        hits.put(sound, found)
+        hits.put(sound, search_on(nearest, near, far, left.select(sound)))
         return hits
 
 
@@ -220,14 +217,17 @@ def whole_triangles(mesh: TriMesh) -> np.ndarray:
     Corners must be finite, the height over the longest side more than ``FLAT`` steps of a float32: whoever
     searches in single precision finds what is thinner all along its line, before what is really there.
     """
+    whole = np.empty(len(mesh.triangles), dtype=bool)
     with np.errstate(invalid="ignore", over="ignore"):
-        a, b, c = (np.ascontiguousarray(mesh.vertices[of].T) for of in mesh.triangles.T)
-        sides = [_dot(side, side) for side in (a - c, b - a, c - b)]
-        longest = np.sqrt(np.maximum.reduce(sides))
-        double = np.linalg.norm(2 * mesh.area_vectors(), axis=1)
-        farthest = np.maximum.reduce([*np.abs(a), *np.abs(b), *np.abs(c)])
-        step = np.spacing(farthest.astype(np.float32))
-        return np.asarray(double > FLAT * step * longest)
+        for first in range(0, len(whole), ROWS):
+            part = slice(first, first + ROWS)
+            corner = np.ascontiguousarray(mesh.vertices[mesh.triangles[part]].T)  # (3, corner, N)
+            u, v, w = (corner[:, k] - corner[:, n] for k, n in ((1, 0), (2, 0), (2, 1)))
+            normal = u[[1, 2, 0]] * v[[2, 0, 1]] - u[[2, 0, 1]] * v[[1, 2, 0]]
+            longest = np.sqrt(np.maximum.reduce([_dot(side, side) for side in (u, v, w)]))
+            step = np.spacing(np.abs(corner).max(axis=(0, 1)).astype(np.float32))
+            whole[part] = np.sqrt(_dot(normal, normal)) > FLAT * step * longest
+    return whole
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

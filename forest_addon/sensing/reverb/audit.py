@@ -223,8 +223,7 @@ def _arrival(channel: Channel, path: float, gain: Gain, count: int) -> np.ndarra
     spectrum = gain(frequency) / path * np.exp(-loss * path) * roll_off(frequency / rate)
     spectrum = spectrum * np.exp(-2j * math.pi * frequency * late)
     half = np.exp(1j * math.pi / size * np.arange(count))
-    samples: np.ndarray = 2.0 * (np.fft.ifft(spectrum, size)[:count] * half).real
-    return samples
+    return 2.0 * (np.fft.ifft(spectrum, size)[:count] * half).real
 
 
 def _trunks(channel: Channel, share: float) -> list[AuditPart]:

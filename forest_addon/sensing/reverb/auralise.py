@@ -27,8 +27,7 @@ def auralise(
     mono = mono.mean(axis=1) if mono.ndim == 2 else mono
     mono = resample(mono, dry_rate, response_rate)
     channels = np.asarray(response, np.float64).reshape(len(response), -1)
-    wet: np.ndarray = fftconvolve(channels, mono[:, None], axes=0)
-    return wet
+    return fftconvolve(channels, mono[:, None], axes=0)
 
 
 def resample(samples: np.ndarray, rate: float, new_rate: float) -> np.ndarray:
@@ -39,10 +38,7 @@ def resample(samples: np.ndarray, rate: float, new_rate: float) -> np.ndarray:
 
     ratio = Fraction(new_rate).limit_denominator(10**6) / Fraction(rate).limit_denominator(10**6)
     ratio = ratio.limit_denominator(10_000)
-    changed: np.ndarray = resample_poly(
-        samples, ratio.numerator, ratio.denominator, window=("kaiser", 8.0)
-    )
-    return changed
+    return resample_poly(samples, ratio.numerator, ratio.denominator, window=("kaiser", 8.0))
 
 
 def normalised(samples: np.ndarray, peak_db: float) -> tuple[np.ndarray, float]:

@@ -14,5 +14,4 @@ def roll_off(share: np.ndarray) -> np.ndarray:
     A band that ends at once gives every arrival that is not on a sample tails of 1/t.
     """
     step = 0.5 * special.erfc((share - 0.475) / 0.025 * 4.0)  # 8e-9 from 0 and 1 at the ends
-    gain: np.ndarray = np.where(share <= 0.45, 1.0, np.where(share >= 0.5, 0.0, step))
-    return gain
+    return np.where(share <= 0.45, 1.0, np.where(share >= 0.5, 0.0, step))

@@ -120,8 +120,7 @@ class MeasuredHead(Hearing):
         return self._nearest(np.array([x * c + y * s, y * c - x * s, z]))
 
     def _nearest(self, way: np.ndarray) -> np.ndarray:
-        found: np.ndarray = self.responses[int(np.argmax(self.directions @ way))]
-        return found
+        return self.responses[int(np.argmax(self.directions @ way))]
 
     def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
         sector = np.round((azimuth - self.azimuth) * (SECTORS / (2.0 * math.pi))) % SECTORS
@@ -232,5 +231,4 @@ def _through(samples: np.ndarray, taps: np.ndarray) -> np.ndarray:
         return taps * samples
     from scipy.signal import fftconvolve  # here: it takes half a second to import
 
-    found: np.ndarray = fftconvolve(samples[None], taps, axes=1)[:, : len(samples)]
-    return found
+    return fftconvolve(samples[None], taps, axes=1)[:, : len(samples)]

@@ -156,5 +156,4 @@ def _kernel() -> np.ndarray:
     """(PHASES + 1, 2·HALF) weights of samples around places between two of them."""
     apart = np.linspace(0.0, 1.0, PHASES + 1)[:, None] - np.arange(1 - HALF, HALF + 1)
     window = np.i0(KAISER * np.sqrt(np.maximum(1.0 - (apart / HALF) ** 2, 0.0))) / np.i0(KAISER)
-    found: np.ndarray = np.sinc(apart) * window
-    return found
+    return np.sinc(apart) * window

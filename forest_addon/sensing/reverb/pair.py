@@ -337,8 +337,7 @@ def filtered(samples: np.ndarray, term: Term, rate: float) -> np.ndarray:
         return samples * term.of_frequency[0]
     size = fft.next_fast_len(2 * len(samples), real=True)
     spectrum = fft.rfft(samples, size) * term.spectrum(np.arange(size // 2 + 1) * (rate / size))
-    filtered: np.ndarray = fft.irfft(spectrum, size)[: len(samples)]
-    return filtered
+    return fft.irfft(spectrum, size)[: len(samples)]
 
 
 Gain = Callable[[np.ndarray], np.ndarray]  # by frequency
@@ -365,8 +364,7 @@ def arrival(
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
     carried = delay_factors(0.0, rate / size, len(frequency), np.array([delay]))[:, 0]
     spectrum = gain(frequency) / path * np.exp(-loss * path) * carried * roll_off(frequency / rate)
-    samples: np.ndarray = fft.irfft(spectrum, size)[:count]
-    return samples
+    return fft.irfft(spectrum, size)[:count]
 
 
 def lines_of_sight(

@@ -209,8 +209,7 @@ def _components(edge: np.ndarray) -> np.ndarray:
         (np.ones(len(node), np.int8), (node[:, 0], node[:, 1])), shape=(len(names), len(names))
     )
     label = csgraph.connected_components(graph, directed=False)[1]
-    contour: np.ndarray = label[node[:, 0]]
-    return contour
+    return label[node[:, 0]]
 
 
 def _stems(segments: _Segments, min_radius: float) -> tuple[list[tuple[np.ndarray, float]], int]:
@@ -294,8 +293,7 @@ def largest_radii(
     # Its four sides that lean are cut off the corners of the box about it: 2 of each become √2.
     cut = 2.0 * (wide + deep) - up - down
     perimeter = 2.0 * (wide + deep) - (2.0 - math.sqrt(2.0)) * np.maximum(cut, 0.0)
-    found: np.ndarray = perimeter * ((1.0 + ROUNDED) / (2.0 * math.pi))
-    return found
+    return perimeter * ((1.0 + ROUNDED) / (2.0 * math.pi))
 
 
 def _extent(line: np.ndarray, contour: np.ndarray, count: int) -> np.ndarray:
@@ -311,8 +309,7 @@ def surface_axis(normal: np.ndarray, weight: np.ndarray) -> np.ndarray:
     scatter = np.einsum("m,mi,mj->ij", weight, normal, normal)
     strength, direction = np.linalg.eigh(scatter)
     if strength[0] < AXIS_TRUST * strength[1]:
-        axis: np.ndarray = direction[:, 0]
-        return axis
+        return direction[:, 0]
     return np.array([0.0, 0.0, 1.0])
 
 

@@ -302,14 +302,12 @@ def _in_time(echo: Echo, spectra: np.ndarray) -> np.ndarray:
     time, length = np.arange(echo.responses.shape[-1]), _length(echo)
     if length == 1:
         turns = float(echo.frequency[0]) / echo.sample_rate * time
-        tone: np.ndarray = spectra * np.exp(2j * math.pi * np.remainder(turns, 1.0))
-        return tone
+        return spectra * np.exp(2j * math.pi * np.remainder(turns, 1.0))
     length = max(length, len(time))  # of frequencies that are wrong
     full = np.zeros((len(spectra), length), np.complex128)
     bins = np.rint(echo.frequency / echo.sample_rate * length).astype(np.int64)
     full[:, bins.clip(0, length - 1)] = spectra
-    samples: np.ndarray = np.fft.ifft(full)[:, time] * length
-    return samples
+    return np.fft.ifft(full)[:, time] * length
 
 
 def _called(pings: Pings, echo: Echo, rows: np.ndarray) -> np.ndarray:
@@ -343,8 +341,7 @@ def _length(echo: Echo) -> int:
 def _spectrum(call: Call, frequency: np.ndarray) -> np.ndarray:
     """(K,) the call's spectrum, sample by sample."""
     turns = np.outer(frequency, np.arange(len(call.samples)) / call.sample_rate)
-    summed: np.ndarray = np.exp(-2j * math.pi * np.remainder(turns, 1.0)) @ call.samples
-    return summed
+    return np.exp(-2j * math.pi * np.remainder(turns, 1.0)) @ call.samples
 
 
 def _played(echo: Echo, row: int, call: Call, moments: list[Moment]) -> np.ndarray:

@@ -40,8 +40,7 @@ class Band:
             return np.ones(len(frequency))
         share = np.clip((frequency - self.low) / (self.high - self.low), 0.0, 1.0)
         turn = 2.0 * math.pi * share
-        window: np.ndarray = 0.5 - 0.5 * np.cos(turn)
-        return window
+        return 0.5 - 0.5 * np.cos(turn)
 
 
 @dataclass(frozen=True)

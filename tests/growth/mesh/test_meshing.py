@@ -269,26 +269,6 @@ def test_texture_runs_in_metres_along_the_stem():
     np.testing.assert_allclose(mesh.uv[..., 1][below], 0, atol=1e-6)
 
 
-@pytest.mark.parametrize("sides", [3, 8, 24])
-def test_straight_tube_has_the_circles_perimeter_and_faces_outwards(sides):
-    points = np.array([[0, 0, 0], [0, 0, 1.0], [0, 0, 2.5]])
-    mesh = TriMesh.of_part(*tube(points, np.full(3, 0.2), sides), WOOD)
-    widened = 0.2 * np.pi / (sides * np.sin(np.pi / sides))
-    cap = sides / 2 * widened**2 * np.sin(2 * np.pi / sides)
-    assert area(mesh) == pytest.approx(2 * np.pi * 0.2 * 2.5 + 2 * cap, rel=1e-12)  # the circle's
-    assert volume(mesh) == pytest.approx(cap * 2.5, rel=1e-12)  # positive: outward facing
-
-
-def test_closed_and_without_twist_along_a_helix():
-    t = np.linspace(0, 4 * np.pi, 200)
-    points = np.stack([np.cos(t), np.sin(t), 0.3 * t], axis=1)
-    vertices, triangles = tube(points, np.full(len(t), 0.05), 8)
-    assert_watertight(TriMesh.of_part(vertices, triangles, WOOD))
-    rings = vertices[:-2].reshape(len(t), 8, 3) - points[:, None]
-    turn = np.einsum("rki,rki->rk", rings[:-1], rings[1:]) / 0.05**2
-    assert turn.min() > 0.95  # no corner jumps to another's place
-
-
 def test_turned_back_on_itself_stays_finite():
     points = np.array([[0, 0, 0], [0, 0, 1.0], [0, 1e-9, 0.2]])
     vertices, _ = tube(points, np.full(3, 0.1), 6)
@@ -345,13 +325,27 @@ def test_ovality_is_the_spread_of_diameters():
 @pytest.mark.parametrize("depth", [0.01, 0.03])
 def test_furrows_are_as_deep_as_asked(depth):
     relief = Relief("plated", 0.06, depth, 0.0, 1.0, seed=2)
-    factor = relief.factor(128, np.full(200, 0.2), np.linspace(0, 2, 200), 2.0, axis=0)
+    factor = relief.factor(128, np.full(200, 0.2), np.linspace(0, 2, 200), 0, False)
     low, high = np.percentile(0.2 * factor, [1, 99])
     assert high - low == pytest.approx(depth, rel=0.2)
     assert np.mean(factor * np.roll(factor, 1, axis=1), axis=1) == pytest.approx(1, abs=1e-12)
-    thin = relief.factor(64, np.full(200, 0.06), np.linspace(0, 2, 200), 2.0, axis=0)
+    thin = relief.factor(64, np.full(200, 0.06), np.linspace(0, 2, 200), 0, False)
     low, high = np.percentile(0.06 * thin, [1, 99])
     assert high - low == pytest.approx(depth / 2, rel=0.25)  # a thin stem has shallower ones
+
+
+def test_a_stem_in_relief_stands_on_roots():
+    """At the ground the outline is that of a few roots; above them, and in area everywhere, the cone's."""
+    relief = Relief("smooth", 0.05, 0.0, 0.0, 1.0, seed=1, roots=1.5)
+    up = np.linspace(0, 2, 200)
+    factor = relief.factor(256, np.full(200, 0.2), up, 0, True)
+    peaks = (factor > np.roll(factor, 1, axis=1)) & (factor > np.roll(factor, -1, axis=1))
+    assert 4 <= peaks[0].sum() <= 6
+    assert factor[0].max() > 1.3 > 0.9 > factor[0].min()
+    assert factor[up >= relief.highest(0.2)] == pytest.approx(1, abs=1e-12)
+    assert np.mean(factor * np.roll(factor, 1, axis=1), axis=1) == pytest.approx(1, abs=1e-12)
+    limb = relief.factor(256, np.full(200, 0.2), up, 0, False)
+    assert limb == pytest.approx(1, abs=1e-12)
 
 
 def test_there_is_none_unless_a_species_asks():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.rods import rod
+from references.reverb import rod
 from scipy.optimize import brentq
 from scipy.special import iv, jv, kv, yv
 

@@ -1,10 +1,17 @@
 """The command ``canopy``: its figures are those of the world, its files those that it names."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import wavfile
+
+from forest_addon.formats.ownership import RECORD
+from headless.cli import main
+from headless.commands.convolve import convolve
+from studies.papers.reverb_figures import Study, draw_figures, findings, responses
 
 pytest.importorskip("bpy")
 
@@ -68,3 +75,191 @@ def test_what_cannot_be_is_said_before_anything_grows(scene, tmp_path, words, sa
     with pytest.raises(SpecError, match=said):
         look_up_in(scene, tmp_path / "out", **words)
     assert not Path(tmp_path / "out").exists()
+
+
+# ------------------------------------------------------------------------------------------ convolve
+# The commands that let one hear a forest, and the findings of the paper's figures.
+
+ROOT = Path(__file__).resolve().parents[3]
+CLAP = ROOT / "assets" / "sounds" / "clap.wav"
+
+
+def test_convolve_from_the_command_line(headless, tmp_path):
+    response = tmp_path / "ir.wav"
+    wavfile.write(response, 48_000, np.array([[0, 1.0], [0.5, 0]], np.float32))
+    ended = headless("convolve", response, CLAP)
+    assert ended.returncode == 0, ended.stderr
+    rate, wet = wavfile.read(tmp_path / "ir-clap.wav")
+    _, dry = wavfile.read(CLAP)
+    assert (rate, wet.dtype) == (48_000, np.float32)
+    np.testing.assert_allclose(wet[1:, 0], 0.5 * dry / 32768, atol=1e-7)
+    np.testing.assert_allclose(wet[:-1, 1], dry / 32768, atol=1e-7)
+    assert headless("convolve", tmp_path / "none.wav", CLAP).returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("wet.mp3", "must end in .wav"), ("dry.wav", "is read by")]
+)
+def test_no_file_of_another_kind_and_none_that_is_read_is_written(tmp_path, capsys, name, said):
+    dry = tmp_path / "dry.wav"
+    dry.write_bytes(b"a recording")
+    out = ("--out", str(tmp_path / name))
+    assert main(["convolve", str(tmp_path / "ir.wav"), str(dry), *out]) == 2
+    assert said in capsys.readouterr().err
+    assert dry.read_bytes() == b"a recording"
+    assert [path.name for path in tmp_path.iterdir()] == ["dry.wav"]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("ir.wav", "that can be read: its header is broken"), (".", "Is a directory")],
+)
+def test_what_is_no_impulse_response_is_said_in_our_words(
+    tmp_path, capsys, monkeypatch, name, said
+):
+    monkeypatch.chdir(tmp_path)
+    Path("ir.wav").write_bytes(b"RIFF\0\0\0\0WAVE")
+    assert main(["convolve", name, str(CLAP)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_levels_above_full_scale_stay_unless_normalised(tmp_path):
+    said = []
+    wavfile.write(tmp_path / "ir.wav", 24_000, np.array([40.0], np.float32))
+    convolve(tmp_path / "ir.wav", CLAP, tmp_path / "new" / "a.wav", None, said.append)
+    assert np.abs(wavfile.read(tmp_path / "new" / "a.wav")[1]).max() > 10
+    assert "resampled from 48000 to 24000 Hz" in said[0]
+    assert "clip" in said[-1]
+    convolve(tmp_path / "ir.wav", CLAP, tmp_path / "b.wav", -1.0, said.append)
+    peak = np.abs(wavfile.read(tmp_path / "b.wav")[1]).max()
+    assert peak == pytest.approx(10 ** (-0.05), rel=1e-5)
+
+
+@pytest.mark.slow
+def test_figures_and_findings(tmp_path, monkeypatch):
+    """A tiny study: files, and verdicts that follow the responses they are given."""
+    tiny = Study((300, 900), (10.0, 40.0), (1,))
+    monkeypatch.setattr("studies.papers.reverb_figures.QUICK", tiny)
+    sentences = draw_figures(tmp_path, quick=True, say=lambda _: None)
+    assert len(list(tmp_path.glob("figure-*.png"))) == 4
+    assert (tmp_path / "findings.txt").read_text(encoding="utf-8").splitlines() == sentences
+
+    found = responses(tiny)
+    noise = np.random.default_rng(0).standard_normal(96_000)
+    time = np.arange(96_000) / 24e3
+
+    sparse = noise * (np.arange(96_000) % 64 == 0) * 8.0  # of the same energy
+
+    def decaying(number, distance):
+        """Noise whose decay takes longer with more trees and with distance; of many, soon sparse."""
+        seconds = (0.6 if number == 300 else 1.2) + distance / 40
+        heard = np.where((time > 0.7) & (number == 900), sparse, noise)
+        zero = np.zeros(96_000)
+        return {"direct": zero, "ground": zero, "trees": heard * 10 ** (-3 * time / seconds)}
+
+    made = {key: replace(each, **decaying(*key[:2])) for key, each in found.items()}
+    verdicts = [": reproduced" in sentence for sentence in findings(tiny, made)]
+    assert verdicts == [False, False, True, True]  # more trees, longer; C50 does not fall
+
+
+# -------------------------------------------------------------------------------------------- derive
+# ``python -m headless derive``: strings as the papers print them, counts, refusals.
+
+S2 = (
+    "[I01I01[t+I01I01+I02I02[t+I02I02+F]I02[T-I02F]I02F]I01[T-I01I02I02[t+I02I02+F]I02"
+    "[T-I02F]I02F]I01I02I02[t+I02I02+F]I02[T-I02F]I02F]"
+)
+
+
+def said(capsys, *arguments):
+    assert main(["derive", *arguments]) == 0
+    return capsys.readouterr().out.strip()
+
+
+def test_strings_as_the_papers_print_them(capsys):
+    assert said(capsys, "apple", "--generations", "2") == S2
+    successor = "I03I03[t+I03I03+F]I03[T-I03F]I03F"
+    assert said(capsys, "apple", "--generations", "3") == S2.replace("F", successor)
+    assert said(capsys, "apple", "--generations", "0") == "[F]"
+    assert said(capsys, "maple", "--generations", "2") == "d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g)"
+    assert said(capsys, "whorl-8") == "d(d)+d)[d(d)+d)"
+
+
+def test_seeds(capsys):
+    one = said(capsys, "apple-stochastic", "--generations", "3", "--seed", "1")
+    assert said(capsys, "apple-stochastic", "--generations", "3", "--seed", "1") == one
+    assert said(capsys, "apple-stochastic", "--generations", "3", "--seed", "2") != one
+
+
+def test_counts(capsys):
+    assert said(capsys, "apple", "--generations", "2", "--count") == "75 symbols, 9 branches"
+    assert said(capsys, "maple", "--generations", "12", "--count") == (
+        "2,125,762 symbols, 531,440 branches"
+    )
+    assert said(capsys, "apple", "--generations", "900", "--count").startswith("1e430 symbols")
+    lines = said(capsys, "apple-stochastic", "--generations", "3", "--count").splitlines()
+    assert lines[0].startswith("expected: ")
+    assert len(lines) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["apple", "--generations", "40"], "symbols, more than 50,000,000"),
+        (["apple", "--generations", "-1"], "--generations: -1 is out of range"),
+        (["apple", "--seed", "-1"], "--seed: -1 is out of range"),
+        (["honda-birch"], "not by an L-system"),
+        (["aple"], '"aple" is not known'),
+    ],
+)
+def test_refusals(capsys, arguments, words):
+    assert main(["derive", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert captured.out == ""
+
+
+# ------------------------------------------------------------------------------------------- species
+# The table and the contact sheet of species.
+
+
+@pytest.mark.slow
+def test_table_and_sheet(tmp_path, capsys):
+    pytest.importorskip("bpy")
+    sheet = tmp_path / "new" / "species.png"
+    assert main(["species", "hazelnut", "--sheet", str(sheet), "--pixels", "150"]) == 0
+    said = capsys.readouterr().out
+    assert "hazelnut" in said
+    assert sheet.stat().st_size > 10_000
+
+
+def test_sheets_of_no_sensible_size_are_refused(capsys):
+    assert main(["species", "hazelnut", "--pixels", "5"]) == 2
+    assert "--pixels" in capsys.readouterr().err
+
+
+def test_unknown_species_is_one_sentence(capsys):
+    assert main(["species", "plum-pudding"]) == 2
+    assert "plum-pudding" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_small_pictures_for_the_panel(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("bpy")
+    from PIL import Image
+
+    from headless.report import trees
+
+    monkeypatch.setattr(trees, "ICON", 64)
+    folder = tmp_path / "new" / "pictures"
+    assert main(["species", "hazelnut", "honda-conifer", "--pictures", str(folder)]) == 0
+    assert "Wrote 2 pictures" in capsys.readouterr().out
+    names = {path.name for path in folder.iterdir()}
+    assert names == {RECORD, "hazelnut.jpg", "honda-conifer.jpg"}
+    for path in folder.glob("*.jpg"):
+        with Image.open(path) as picture:
+            assert picture.size == (64, 64)
+            grey = np.asarray(picture.convert("L"), float)
+        tree = grey < 180  # darker than the paper behind it
+        assert 0.02 < tree.mean() < 0.5
+        assert tree[:, 24:40].sum() > 0.5 * tree.sum()  # it stands in the middle

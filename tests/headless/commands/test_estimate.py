@@ -121,6 +121,7 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
         ("a,b\n1,2\n", (), "has no column x, only a, b; call one of them x"),
         ("x,y\n1,2\n3,zwei\n", (), 'row 3: y is "zwei", not a finite number'),
         ("x,y\n3,nan\n", (), "has no trees below its header"),
+        ("x,y,bhd\n1,2,31.5\n3,4,28\n", ("maple",), "say the unit in the header, as dbh_cm"),
         ("x,y\n1\n", (), "row 2 has 1 values, its header 2"),
         ("x,y\n1,2\n", (), "some trees have no species; say what grows there"),
         ("x,y,species\n1,2,pine\n", (), '"pine" is no preset; say what grows in its place'),
@@ -209,7 +210,7 @@ def test_the_command(headless, site, tmp_path):
     words = ["estimate", site, "--out", tmp_path / "s.toml", "--species", "pine=spruce"]
     ended = headless(*words)
     assert ended.returncode == 0, ended.stderr
-    assert "Next: python -m headless stand" in ended.stdout
+    assert "Next: python -m headless run" in ended.stdout
     words[-1] = "pine=elm"
     ended = headless(*words)
     assert ended.returncode == 2

@@ -3,8 +3,7 @@
 import os
 
 import pytest
-
-from tests.references.dataset_runs import PLAN, Warm
+from references.dataset_runs import PLAN, Warm
 
 
 @pytest.fixture(scope="session")

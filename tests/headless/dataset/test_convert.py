@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from references.leaf_discs import discs_of
+from references.echoes import discs_of
 
 from forest_addon.formats.raster_file import write_png
 from forest_addon.results.echo_files import write_echo

@@ -10,9 +10,9 @@ import tarfile
 
 import numpy as np
 import pytest
+from references.dataset_runs import PLAN, bytes_of, run
 
 from headless.dataset import factory
-from tests.references.dataset_runs import PLAN, bytes_of, run
 
 pytestmark = pytest.mark.slow
 
@@ -86,12 +86,6 @@ def test_truth_beside_a_cloud_is_its_own(undisturbed):
             assert (data["pulses_hit"] <= data["pulses_in"] + 1).all()
         with np.load(folder / "tls-hidden.npz") as data:
             assert set(data["tree"].tolist()) <= {int(tree["tree"]) for tree in trees}
-
-
-def test_two_workers_make_the_same_bytes(undisturbed, tmp_path):
-    ended = run(PLAN, "--out", tmp_path / "two", "--workers", "2", "--quiet")
-    assert ended.returncode == 0, ended.stderr
-    assert bytes_of(tmp_path / "two") == bytes_of(undisturbed)
 
 
 @pytest.mark.skipif(not os.environ.get("FOREST_LONG_TESTS"), reason="eight Blenders")

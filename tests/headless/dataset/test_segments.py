@@ -38,8 +38,7 @@ def test_a_point_on_a_pixels_ray_is_projected_to_its_middle(empty_blender, wide,
 def test_segments_are_where_the_render_shows_them(warm, tmp_path):
     """Sky is where Cycles shows it: brighter than anything that stands there."""
     from PIL import Image
-
-    from tests.references.dataset_runs import PLAN
+    from references.dataset_runs import PLAN
 
     small = "scene.output={preview_size=[96,64],preview_samples=8}"
     flat = ("--set", "vary.terrain.relief=0.0", "--set", "scene.forest.size=[3.0,3.0]")

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.ordinary_scenes import ordinary
-from references.rays_brute import BruteCaster
+from references.rays import BruteCaster, ordinary
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, TriMesh

@@ -1,12 +1,28 @@
 """Where pulses go: patterns of sweeps, ways of platforms."""
 
+from __future__ import annotations
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.special import erf
 
-from forest_addon.sensing.lidar.pattern import pattern_of
+from forest_addon.base.rng import child_keys, first_key
+from forest_addon.base.trimesh import OTHER, TriMesh
+from forest_addon.formats.helios.motion import STILL, PartMotion
+from forest_addon.sensing.lidar.footprint import radii, spread
+from forest_addon.sensing.lidar.pattern import Pulses, pattern_of
+from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
+from forest_addon.sensing.moving import MovingScene
+from forest_addon.sensing.moving_rays import MovingCaster
+from forest_addon.sensing.rays.caster import hit_normals
+from forest_addon.sensing.rays.exact import ExactCaster, cast_exactly
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.rays.paths import SceneMotion
 from forest_addon.sensing.trajectory import along, through
-from forest_addon.spec import Airborne, Mobile, Pose, SpecError, Terrestrial
+from forest_addon.spec import Airborne, Beam, Mobile, Pose, SpecError, Terrestrial
 
 
 def all_pulses(scanner, path=None):
@@ -199,3 +215,136 @@ def test_a_rosette_fills_its_field_and_repeats_only_with_whole_petals():
     # Time spent at each height is that of a sine: the arcsine law.
     share = np.mean(elevation < 22.5 - 29.5 / 2)
     assert share == pytest.approx(1 / 3, abs=0.01)
+
+
+# ----------------------------------------------------------------------------------------- footprint
+# Sub-rays against the Gaussian beam: moments, shares of energy at edges, widths at every range.
+
+
+def pulses_along_x(count):
+    def every(vector):
+        return np.tile(np.array(vector, float), (count, 1))
+
+    return Pulses(
+        every([0, 0, 0]), every([1, 0, 0]), every([0, 1, 0]), np.zeros(count), np.zeros(count)
+    )
+
+
+def spots(beam, distance, count=1):
+    """(P, N, 2) where sub-rays cross the plane at this distance: along the sweep, and across it."""
+    keys = child_keys(first_key(1, "test"), np.arange(count))
+    origin, way = spread(pulses_along_x(count), beam, keys)
+    origin, way = np.broadcast_to(origin, way.shape), way
+    at = origin + way * ((distance - origin[:, :1]) / way[:, :1])
+    return at[:, 1:].reshape(count, -1, 2)
+
+
+@pytest.mark.parametrize("subrays", [5, 50])
+def test_each_ray_stands_for_a_ring_of_equal_energy(subrays):
+    edges = np.sqrt(-np.log(1 - np.arange(subrays) / subrays) / 2)
+    assert (radii(subrays) > edges).all()
+    assert (radii(subrays)[:-1] < edges[1:]).all()
+
+
+def test_one_ray_is_the_axis():
+    assert spots(Beam(divergence_mrad=(1.0, 1.0), exit_diameter=0.1), 50.0).tolist() == [[[0, 0]]]
+
+
+@pytest.mark.parametrize("distance", [0.0, 5.0, 28.6, 1000.0])
+def test_widths_are_the_gaussian_beams_at_every_range(distance):
+    beam = Beam(subrays=4000, divergence_mrad=(0.7, 0.2), exit_diameter=0.02)
+    spot = spots(beam, distance)[0]
+    for axis, theta in enumerate((0.7e-3, 0.2e-3)):
+        radius = np.sqrt(0.01**2 + (distance * theta / 2) ** 2)  # at 1/e², so twice the sd
+        assert np.std(spot[:, axis]) == pytest.approx(radius / 2, rel=2e-3)
+
+
+@pytest.mark.parametrize("edge", [-1.2, -0.5, 0.0, 0.3, 1.0])  # of the 1/e² radius
+def test_the_energy_beyond_an_edge_is_the_error_functions(edge):
+    beam = Beam(subrays=1000, divergence_mrad=(1.0, 1.0))
+    spot = spots(beam, 100.0, count=20)  # w = 0.05 m
+    share = np.mean(spot[:, :, 0] > edge * 0.05, axis=1)
+    assert share == pytest.approx(0.5 - 0.5 * erf(np.sqrt(2) * edge), abs=0.01)
+
+
+def test_the_error_at_an_edge_falls_with_the_number_of_sub_rays():
+    def error(subrays):
+        beam = Beam(subrays=subrays, divergence_mrad=(1.0, 1.0))
+        share = np.mean(spots(beam, 100.0, count=400)[:, :, 0] > 0.013, axis=1)
+        return np.std(share - (0.5 - 0.5 * erf(np.sqrt(2) * 0.26)))
+
+    errors = [error(n) for n in (10, 100, 1000)]
+    assert errors[0] > 3 * errors[1] > 9 * errors[2]  # random points would give a factor of 3.2
+
+
+def test_no_two_rays_of_a_beam_coincide_and_pulses_turn():
+    spot = spots(Beam(subrays=200, divergence_mrad=(1.0, 1.0)), 100.0, count=2)
+    gaps = np.linalg.norm(spot[0][:, None] - spot[0][None], axis=2) + np.eye(200)
+    assert gaps.min() > 0.05 / 200
+    assert np.abs(spot[0] - spot[1]).max() > 0.01
+
+
+# ------------------------------------------------------------------------------------------- stepped
+# Parts that move by steps, as rays meet them, held against the still scene of each pulse.
+
+RATE = 1000.0
+PLATE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.2], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.4]])
+
+
+def two_that_step() -> tuple[SceneGeometry, SceneMotion]:
+    """A plate that stands, one that turns every 60 pulses and one that goes every 40."""
+    mesh = TriMesh.of_part(PLATE, np.array([[0, 1, 2], [0, 2, 3]]), OTHER)
+    transform = np.tile(np.eye(4)[:3], (3, 1, 1))
+    transform[:, :, 3] = [[0.0, 0.0, -2.0], [1.5, 0.0, 0.0], [-1.5, 0.0, 0.0]]
+    none = np.full(3, -1, dtype=np.int64)
+    scene = SceneGeometry(
+        (mesh,), transform, np.zeros(3, dtype=np.int64), ("a", "b", "c"), none, none.copy()
+    )
+    turn = Rotation.from_euler("xyz", [9, 5, 20], degrees=True).as_matrix()
+    turns, goes = STILL.copy(), STILL.copy()
+    turns[0, :3, :3], goes[1, :3, 3] = turn, [0.05, 0.1, 0.02]
+    steps = {1: (turns, 60), 2: (goes, 40)}
+    paths = {
+        part: SteppedPath(
+            transform[part],
+            transform[part, :, 3],
+            PartMotion((step,), (0,), 1, every),
+            RATE,
+            (30, 600),
+        )
+        for part, (step, every) in steps.items()
+    }
+    return scene, SceneMotion(paths)
+
+
+def test_rays_meet_parts_where_their_steps_have_taken_them() -> None:
+    """Against the still scene of each pulse."""
+    scene, motion = two_that_step()
+    rng = np.random.default_rng(8)
+    count = 600
+    time = (rng.permutation(count) + 1) / RATE
+    origin = rng.uniform([-3, -1.5, 3], [3, 1.5, 4], (count, 3))
+    way = rng.normal([0, 0, -3], 0.4, (count, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    moving = MovingScene(scene, motion)
+    found = MovingCaster(moving, ExactCaster).cast(origin, way, 20.0, time=time)
+    assert set(found.instance.tolist()) == {-1, 0, 1, 2}
+    normals = moving.normals(found, time)
+    for row in range(0, count, 3):
+        places = scene.transform.copy()
+        for part, path in motion.paths.items():
+            places[part] = path.at(time[[row]])[0]
+        still = replace(scene, transform=places)
+        one = cast_exactly(still, origin[[row]], way[[row]])
+        assert one.instance[0] == found.instance[row] or one.distance[0] > 20.0
+        if found.found[row]:
+            assert one.triangle[0] == found.triangle[row]
+            assert abs(one.distance[0] - found.distance[row]) < 1e-9
+            np.testing.assert_allclose(hit_normals(still, one)[0], normals[row], atol=1e-9)
+    met = np.flatnonzero(found.instance == 2)
+    points = origin[met] + found.distance[met, None] * way[met]
+    asked = points, found.instance[met], found.triangle[met], time[met]
+    velocity, rest = moving.velocities(*asked)
+    np.testing.assert_allclose(velocity, np.tile([0.05, 0.1, 0.02], (len(met), 1)) * RATE / 40)
+    went = motion.paths[2].at(time[met])[:, :, 3] - scene.transform[2, :, 3]
+    np.testing.assert_allclose(points - went, rest, atol=1e-9)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.moving import KNOTS, SPAN, MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.boxes import extents, within
-from forest_addon.sensing.rays.exact import ExactCaster
+from forest_addon.sensing.rays.caster import Hits, RayCaster
+from forest_addon.sensing.rays.cells import Cells, walk
+from forest_addon.sensing.rays.exact import ExactCaster, Referee
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.paths import RigidPath, SceneMotion
 
@@ -115,17 +118,6 @@ def test_a_leaning_plate_is_met_where_it_is():
     assert set(instance[sure].tolist()) == {0, 1}
     middle = plate().vertices[plate().triangles[triangle[ours]]].mean(axis=1)
     assert np.abs(middle[:, 2] - rest[ours, 2]).max() < 0.07
-
-
-@pytest.mark.medium
-def test_any_order_and_company_gives_the_same():
-    rays, (origin, way, time) = caster(scene(plate())), fan()
-    whole = rays.cast(origin, way, time=time)
-    order = np.random.default_rng(2).permutation(len(time))
-    for rows in np.array_split(order, 7):
-        part = rays.cast(origin[rows], way[rows], time=time[rows])
-        assert np.array_equal(part.distance, whole.distance[rows])
-        assert np.array_equal(part.instance, whole.instance[rows])
 
 
 def test_chained_rays_and_limits():
@@ -253,3 +245,108 @@ def test_no_bundle_passes_by_a_box_that_its_ways_meet():
     assert within(*beside, near).all()
     far = extents(begin[:1], end[:1], np.zeros(1))
     assert not within(middle[:1] + 40, middle[:1] + 41, far).any()
+
+
+# --------------------------------------------------------------------------------------------- cells
+# Cells on a line against the interval that the line has in each cell of the box, all cells tried.
+
+
+def brute(cells, origin, way, reach):
+    """{number of a cell: (enter, leave)} of one line, longer than rounding."""
+    grid = np.indices(cells.size).reshape(3, -1).T
+    low = (cells.low + grid) * cells.edge
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (low - origin) / way, (low + cells.edge - origin) / way
+    inside = (origin >= low) & (origin < low + cells.edge)
+    near = np.where(way == 0, np.where(inside, -np.inf, np.inf), np.minimum(a, b))
+    far = np.where(way == 0, np.where(inside, np.inf, -np.inf), np.maximum(a, b))
+    enter, leave = np.maximum(near.max(axis=1), 0), np.minimum(far.min(axis=1), reach)
+    return {n: (enter[n], leave[n]) for n in np.flatnonzero(leave - enter > 1e-9).tolist()}
+
+
+def test_lines_pass_the_cells_they_should():
+    rng = stream(2, "walk")
+    cells = Cells(np.array([-3, 2, 0]), np.array([7, 5, 6]), 0.4)
+    origins = rng.uniform(-4, 6, (120, 3))
+    ways = rng.normal(0, 1, (120, 3))
+    ways[:20, 0] = 0  # along walls
+    ways[:10, 1] = 0
+    origins[20:100] = rng.uniform([-1.2, 0.8, 0], [1.6, 2.8, 2.4], (80, 3))  # from within
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    reach = rng.uniform(0.5, 12, 120)
+    found = {}
+    for step in walk(cells, origins, ways, reach):
+        for line, cell, enter, leave in zip(
+            *(step.line.tolist(), step.cell.tolist(), step.enter, step.leave), strict=True
+        ):
+            if leave - enter > 1e-9:
+                assert (line, cell) not in found
+                found[line, cell] = (enter, leave)
+    wanted = {
+        (line, cell): ends
+        for line in range(120)
+        for cell, ends in brute(cells, origins[line], ways[line], reach[line]).items()
+    }
+    assert found.keys() == wanted.keys()
+    assert len(wanted) > 200
+    for key, ends in wanted.items():
+        assert np.allclose(found[key], ends, atol=1e-9)
+
+
+def test_no_cells_and_no_lines():
+    none = Cells.around(np.empty((0, 3), int), 0.5)
+    assert not list(walk(none, np.zeros((1, 3)), np.eye(3)[:1], np.ones(1)))
+    box = Cells.around(np.array([[0, 0, 0], [2, 2, 2]]), 0.5)
+    assert box.count == 27
+    assert not list(walk(box, np.empty((0, 3)), np.empty((0, 3)), np.empty(0)))
+    assert box.at(np.array([[0.1, 0.1, 0.1], [9.0, 0, 0], [-0.1, 0, 0]])).tolist() == [0, -1, -1]
+
+
+# ------------------------------------------------------------------------------------------- referee
+# The judge between an engine and float64: what it excuses beside an edge, and what not.
+
+
+def roof(far=0.0):
+    """Two faces that meet in the ridge x = 0, z = 0, and fall away at 45°; and such another far away."""
+    vertices = np.array([(0, -1, 0), (0, 1, 0), (1, 0, -1), (-1, 0, -1.0)])
+    mesh = TriMesh.of_part(vertices, np.array([[0, 1, 2], [1, 0, 3]]), OTHER)
+    place = np.tile(np.eye(3, 4), (2, 1, 1))
+    place[1, 0, 3] = far
+    none = np.full(2, -1)
+    return SceneGeometry((mesh,), place, np.zeros(2, int), ("near", "far"), none, none)
+
+
+class Beside(RayCaster):
+    """An engine that names the left face of the roof, at its plane, whatever a ray meets."""
+
+    engine = "beside"
+
+    def __init__(self, scene):
+        self.scene = scene
+
+    def cast(self, origins, directions, max_distance=np.inf, **_):
+        count = len(origins)
+        there = origins[:, 2] - origins[:, 0]  # of the plane z = x, straight down
+        named = np.zeros(count, np.int64), np.ones(count, np.int64)
+        return Hits(there, *named, np.zeros((count, 3)))
+
+
+@pytest.mark.parametrize(
+    ("far", "aside", "excused"),
+    [
+        (5.0, 3e-6, True),  # metres from the ridge
+        (5.0, 1e-4, False),
+        (2000.0, 1e-4, True),  # a float32 has steps of 6e-5 m at half of that
+        (2000.0, 1e-3, False),
+    ],
+)
+def test_the_face_beside_an_edge_counts_where_single_precision_does_not_tell(far, aside, excused):
+    """A ray meets the right face, and the engine names the left one, whose plane is 2 * aside nearer."""
+    scene = roof(far)
+    origins, ways = np.array([[aside, 0.1, 3.0]]), np.array([[0.0, 0.0, -1.0]])
+    true = ExactCaster(scene).cast(origins, ways)
+    assert (true.instance[0], true.triangle[0]) == (0, 0)
+    assert true.distance[0] == pytest.approx(3 + aside, abs=1e-12)
+    found = Referee(Beside(scene)).cast(origins, ways)
+    assert found.triangle[0] == (1 if excused else 0)
+    assert found.distance[0] == pytest.approx(3 - aside if excused else 3 + aside, abs=1e-12)

@@ -7,19 +7,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references.rays_brute import BruteCaster
-from references.reverb_direct import reverb_spectrum_direct
+from references.rays import BruteCaster
+from references.reverb import reverb_spectrum_direct
+from scipy import special
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.ground import spherical_reflection, surface_impedance
 from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import WOOD, TriMesh
+from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.sums import scattering
 from forest_addon.sensing.reverb.sums.scattering import scattered_spectrum, trunk_paths
-from forest_addon.sensing.reverb.trunks import Trunks
+from forest_addon.sensing.reverb.trunks import (
+    STEP,
+    TrunkCuts,
+    Trunks,
+    continue_trunks,
+    convex_hull,
+    equivalent_circle,
+    largest_radii,
+    trunks_at_height,
+)
 from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)
@@ -193,33 +202,6 @@ def test_extreme_air_and_far_paths(temperature: float, humidity: float) -> None:
     assert response.trunks == 1
 
 
-def test_any_number_of_trunks_and_bins(monkeypatch: pytest.MonkeyPatch) -> None:
-    trunks = scattered_trunks(13)
-    whole = listen(trunks)
-    monkeypatch.setattr(scattering, "TRUNKS_AT_ONCE", 5)
-    monkeypatch.setattr(scattering, "BINS_AT_ONCE", 17)
-    steps: list[tuple[int, int]] = []
-    parts = impulse_response(
-        trunks,
-        Reverb(duration=0.4, sample_rate=8000.0),
-        AIR,
-        progress=lambda done, total: steps.append((done, total)),
-    )
-    np.testing.assert_allclose(parts.samples, whole.samples, atol=1e-13)
-    assert steps[-1] == (13, 13)
-    assert [done for done, _ in steps] == sorted(done for done, _ in steps)
-
-
-def test_sum_of_single_trunks_and_order() -> None:
-    trunks = scattered_trunks(6)
-    together = listen(trunks, duration=0.6)
-    rows = np.column_stack([trunks.position, trunks.radius])
-    apart = [listen(forest(tuple(row)), duration=0.6).trees for row in rows]
-    np.testing.assert_allclose(
-        together.trees, np.sum(apart, axis=0), atol=1e-6 * np.abs(apart).max()
-    )
-
-
 def test_reciprocity() -> None:
     """With spherical spreading on both legs, source and receiver can change places."""
     trunks = scattered_trunks(6)
@@ -333,3 +315,351 @@ def test_slow_and_fast_sampling(rate: float) -> None:
     assert len(response.samples) == round(0.1 * rate)
     assert np.isfinite(response.samples).all()
     assert np.abs(response.trees).max() > 0
+
+
+# -------------------------------------------------------------------------------------------- trunks
+# Trunks from cut meshes, against analytic cylinders, cones and leaning stems.
+
+
+def tube(
+    start: tuple[float, float, float],
+    end: tuple[float, float, float],
+    radius: tuple[float, float],
+    sides: int = 24,
+    part: int = WOOD,
+) -> TriMesh:
+    """An open n-gon tube whose rings have the perimeter of the circle, as ``growth/mesh/meshing`` makes."""
+    foot, top = np.asarray(start, float), np.asarray(end, float)
+    axis = (top - foot) / np.linalg.norm(top - foot)
+    across = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across)
+    turn = 2 * np.pi * np.arange(sides) / sides
+    ring = np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * np.cross(axis, across)
+    ring *= math.pi / (sides * math.sin(math.pi / sides))
+    vertices = np.concatenate([foot + radius[0] * ring, top + radius[1] * ring])
+    i, j = np.arange(sides), (np.arange(sides) + 1) % sides
+    triangles = np.concatenate(
+        [np.stack([i, j, j + sides], 1), np.stack([i, j + sides, i + sides], 1)]
+    )
+    return TriMesh.of_part(vertices, triangles, part)
+
+
+def scene_of(*meshes: TriMesh, transform: np.ndarray | None = None) -> SceneGeometry:
+    count = len(meshes)
+    moved = np.tile(np.eye(3, 4), (count, 1, 1)) if transform is None else transform
+    return SceneGeometry(
+        meshes=tuple(meshes),
+        transform=moved,
+        mesh_index=np.arange(count),
+        object_name=tuple("tree" for _ in meshes),
+        tree=np.arange(count) + 7,
+        species=np.zeros(count, np.int64),
+    )
+
+
+def turn_about_x(angle: float) -> np.ndarray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
+
+
+@pytest.mark.parametrize("sides", [3, 8, 24])
+def test_upright_cylinder(sides: int) -> None:
+    trunks = trunks_at_height(scene_of(tube((2, 3, 0), (2, 3, 5), (0.2, 0.2), sides)), 1.5, 0.01)
+    np.testing.assert_allclose(trunks.position, [[2, 3]], atol=1e-14)
+    np.testing.assert_allclose(trunks.radius, [0.2], rtol=1e-14)
+    assert (trunks.tree.tolist(), trunks.thin, trunks.inside) == ([7], 0, 0)
+
+
+def test_cone_under_instance_transforms() -> None:
+    cone = tube((0.1, -0.2, 0), (0.1, -0.2, 4), (0.4, 0.0), 64)
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    transform = np.zeros((3, 3, 4))
+    transform[0, :, :3], transform[0, :, 3] = 2.0 * turn, (5, 6, -1)
+    transform[1, :, :3], transform[1, :, 3] = np.diag([1.0, 1.0, -1.0]), (4e5, 5e6, 3.0)  # mirrored
+    transform[2, :, :3] = np.diag([1.0, 1.0, 0.0])  # flattened into the ground: never cut
+    scene = SceneGeometry(
+        (cone,), transform, np.zeros(3, np.int64), ("a",) * 3, np.array([4, -1, 9]), np.zeros(3)
+    )
+    trunks = trunks_at_height(scene, 1.0, 0.01)
+    assert trunks.tree.tolist() == [4, -1]
+    assert trunks.instance is not None
+    assert trunks.instance.tolist() == [0, 1]
+    np.testing.assert_allclose(trunks.position[0], [5 + 2 * 0.2, 6 + 2 * 0.1], atol=1e-12)
+    np.testing.assert_allclose(trunks.position[1], [4e5 + 0.1, 5e6 - 0.2], atol=1e-8)
+    # Chord against slant height bends the section of a cone of many sides by next to nothing.
+    np.testing.assert_allclose(trunks.radius, [2 * 0.4 * 0.75, 0.4 * 0.5], rtol=1e-8)
+
+
+@pytest.mark.parametrize("lean_deg", [5.0, 30.0, 60.0])
+def test_leaning_cylinder_keeps_its_radius(lean_deg: float) -> None:
+    transform = np.zeros((1, 3, 4))
+    transform[0, :, :3] = turn_about_x(math.radians(lean_deg))
+    transform[0, :, 3] = 1.0, 2.0, 0.0
+    scene = scene_of(tube((0, 0, -9), (0, 0, 9), (0.15, 0.15), 48), transform=transform)
+    trunks = trunks_at_height(scene, 1.5)
+    np.testing.assert_allclose(trunks.radius, [0.15], rtol=1e-12)
+    reach = -1.5 * math.tan(math.radians(lean_deg))
+    np.testing.assert_allclose(trunks.position, [[1.0, 2.0 + reach]], atol=1e-12)
+
+
+def test_elliptic_trunk_has_its_mean_width() -> None:
+    transform = np.zeros((1, 3, 4))
+    transform[0, :, :3] = np.diag([2.0, 1.0, 1.0])
+    scene = scene_of(tube((0, 0, 0), (0, 0, 4), (0.1, 0.1), 512), transform=transform)
+    perimeter = 4 * 0.2 * special.ellipe(1 - 0.5**2)
+    np.testing.assert_allclose(
+        trunks_at_height(scene, 2.0).radius, [perimeter / (2 * np.pi)], rtol=1e-4
+    )
+
+
+def test_plane_through_vertices() -> None:
+    """A ring of vertices exactly in the plane neither splits nor loses a stem, nor doubles it."""
+    scene = scene_of(
+        join([tube((0, 0, 0), (0, 0, 2), (0.2, 0.2)), tube((0, 0, 2), (0, 0, 3), (0.2, 0.2))])
+    )
+    np.testing.assert_allclose(trunks_at_height(scene, 2.0).radius, [0.2], rtol=1e-14)
+    np.testing.assert_allclose(trunks_at_height(scene, 3.0).radius, [0.2], rtol=1e-14)  # its top
+    assert len(trunks_at_height(scene, 0.0)) == 0  # its foot
+    assert len(trunks_at_height(scene, 3.0 + 1e-6)) == 0
+    assert len(trunks_at_height(scene, -1e-6)) == 0
+
+
+def test_one_vertex_in_the_plane() -> None:
+    """A leaning tube whose ring touches the plane in single vertices stays one contour."""
+    mesh = tube((0, 0, 0), (0.3, 0, 4), (0.2, 0.15), 16)
+    inner = tube((0, 0, 0), (0.3, 0, 4), (0.2, 0.15), 16).vertices[20, 2]
+    assert len(trunks_at_height(scene_of(mesh), float(inner))) == 1
+
+
+def test_unwelded_triangles_are_one_contour() -> None:
+    mesh = tube((0, 0, 0), (0, 0, 2), (0.2, 0.2))
+    soup = TriMesh.of_part(
+        mesh.vertices[mesh.triangles].reshape(-1, 3),
+        np.arange(mesh.triangles.size).reshape(-1, 3),
+        WOOD,
+    )
+    np.testing.assert_allclose(trunks_at_height(scene_of(soup), 1.0).radius, [0.2], rtol=1e-14)
+
+
+def test_open_mesh() -> None:
+    """A tube with a slit, and one with half its wall: the hull closes what is left."""
+    mesh = tube((0, 0, 0), (0, 0, 2), (0.2, 0.2), 180)
+    keep = np.ones(len(mesh.triangles), bool)
+    keep[[10, 190]] = False
+    np.testing.assert_allclose(
+        trunks_at_height(scene_of(mesh.select(keep)), 1.0).radius, [0.2], rtol=1e-3
+    )
+    keep = np.tile(np.arange(180) < 90, 2)
+    half = trunks_at_height(scene_of(mesh.select(keep)), 1.0)
+    np.testing.assert_allclose(half.radius, [0.2 * (math.pi + 2) / (2 * math.pi)], rtol=1e-3)
+
+
+def test_thin_and_inner_stems_are_counted() -> None:
+    mesh = join(
+        [
+            tube((0, 0, 0), (0, 0, 4), (0.2, 0.2)),
+            tube((0, 0, 0.5), (0.3, 0, 4), (0.05, 0.05)),  # a branch that is still in its trunk
+            tube((1, 0, 0), (1, 0, 4), (0.02, 0.02)),
+            tube((2, 0, 0), (2, 0, 4), (0.004, 0.004)),
+            tube((3, 0, 0), (3, 0, 4), (0.3, 0.3), part=OTHER),
+            tube((4, 0, 0), (4, 0, 4), (0.3, 0.3), part=LEAF),
+        ]
+    )
+    trunks = trunks_at_height(scene_of(mesh), 1.0, 0.01)
+    np.testing.assert_allclose(trunks.radius, [0.2, 0.02], rtol=1e-12)
+    assert (trunks.thin, trunks.inside) == (1, 1)
+    assert len(trunks_at_height(scene_of(mesh), 3.9, 0.01)) == 3  # the branch has left it
+
+
+def test_nothing_to_cut() -> None:
+    empty = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), WOOD)
+    trunks = trunks_at_height(scene_of(empty), 1.0)
+    assert (len(trunks), trunks.position.shape, trunks.tree.dtype) == (0, (0, 2), np.int64)
+
+
+def test_broken_coordinates_are_passed_over() -> None:
+    mesh = tube((0, 0, 0), (0, 0, 2), (0.2, 0.2), 180)
+    mesh.vertices[5] = np.nan
+    np.testing.assert_allclose(trunks_at_height(scene_of(mesh), 1.0).radius, [0.2], rtol=1e-3)
+
+
+def test_hull_of_degenerate_points() -> None:
+    assert convex_hull(np.empty((0, 2))).shape == (0, 2)
+    assert convex_hull(np.zeros((4, 2))).tolist() == [[0, 0]]
+    line = np.linspace(0, 1, 5)[:, None] * [2.0, 1.0]
+    assert sorted(convex_hull(line).tolist()) == [[0, 0], [2, 1]]
+
+
+def test_flat_sheet_is_a_strip_of_its_width() -> None:
+    ends = np.array([[[0.0, 0], [0.5, 0]], [[0.5, 0], [1, 0]]])
+    centre, radius = equivalent_circle(ends, np.tile([0.0, 1, 0], (2, 1)))
+    np.testing.assert_allclose(centre, [0.5, 0])
+    np.testing.assert_allclose(radius, 2 / (2 * math.pi))
+
+
+@pytest.mark.parametrize("name", ["upright", "leaning", "flat", "open"])
+def test_no_radius_is_above_its_bound(name):
+    """Random outlines of a few to many segments, of tubes that stand, lean and lie, and of loose ends."""
+    rng = stream(8, "contours", name)
+    ends, normal, contour, radius = [], [], [], []
+    for number in range(60):
+        count = int(rng.integers(3, 40))
+        turn = np.sort(rng.uniform(0, 2 * np.pi, count))
+        ring = rng.uniform(0.01, 0.5) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        slant = {"upright": 0.0, "leaning": 0.6, "flat": 1.45, "open": 0.3}[name]
+        across = np.array([np.cos(number), np.sin(number)])
+        longer = ring + np.outer(ring @ across, across) * (1 / np.cos(slant) - 1)
+        some = np.stack([longer, np.roll(longer, -1, axis=0)], axis=1)
+        facing = np.concatenate([ring, np.zeros((count, 1))], axis=1)
+        facing -= np.outer(ring @ across, [*across, 0]) * (1 - np.cos(slant))
+        facing[:, 2] = -np.sin(slant) * (ring @ across)
+        facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+        if name == "open":
+            some += rng.normal(0, 0.05, some.shape)
+        radius.append(equivalent_circle(some, facing)[1])
+        ends.append(some)
+        normal.append(facing)
+        contour.append(np.full(count, number))
+    every = (np.concatenate(ends), np.concatenate(normal), np.concatenate(contour))
+    most = largest_radii(*every, 60)
+    assert (most >= radius).all()
+    if name == "upright":  # an octagon's perimeter is at most 1.28 of what it is drawn about
+        assert (most <= 1.3 * np.array(radius)).all()
+
+
+def test_wood_is_cut_alike_whether_it_is_kept_and_however_it_stands():
+    leaning = tube((0, 0, 0), (0.3, 0.1, 9), (0.2, 0.1))
+    upright, wood = scene_of(leaning, tube((2, 0, 0), (2, 0, 9), (0.1, 0.05))), {}
+    almost = np.tile(np.eye(3, 4), (2, 1, 1))
+    almost[:, 2, 0] = 1e-300  # not upright: every vertex is asked
+    other = scene_of(*upright.meshes, transform=almost)
+    for height in (1.0, 4.5, 7.0):
+        found = [trunks_at_height(scene, height, 0.01) for scene in (upright, other)]
+        found.append(trunks_at_height(upright, height, 0.01, wood))
+        assert len(found[0]) == 2
+        for one in found[1:]:
+            assert np.array_equal(one.position, found[0].position)
+            assert np.array_equal(one.radius, found[0].radius)
+    assert len(wood) == 2
+
+
+def cone(height: float, foot: float, lean: float = 0.0, sides: int = 48) -> TriMesh:
+    """A stem from z = 0 to a point; its axis leans along x by ``lean`` metres a metre."""
+    turn = 2 * np.pi * np.arange(sides) / sides
+    ring = np.column_stack([foot * np.cos(turn), foot * np.sin(turn), np.zeros(sides)])
+    vertices = np.vstack([ring, [[lean * height, 0.0, height]]])
+    following = (np.arange(sides) + 1) % sides
+    triangles = np.column_stack([np.arange(sides), following, np.full(sides, sides)])
+    return TriMesh.of_part(vertices, triangles, WOOD)
+
+
+def scene(mesh: TriMesh, *places: tuple[float, float]) -> SceneGeometry:
+    transform = np.tile(np.eye(3, 4), (len(places), 1, 1))
+    transform[:, :2, 3] = places
+    number = np.arange(len(places))
+    names = tuple(f"tree {n}" for n in number)
+    return SceneGeometry((mesh,), transform, np.zeros(len(places), np.int64), names, number, number)
+
+
+def test_ends_of_one_height_are_one_cut() -> None:
+    cuts = TrunkCuts(scene(cone(10.0, 0.4), (3, 1), (7, -1)), 0.0)
+    trunks = cuts.between(np.array([0.0, 0, 2.0]), np.array([10.0, 0, 2.2]))
+    assert len(trunks) == 2
+    np.testing.assert_allclose(trunks.radius, 0.4 * (1 - 2.1 / 10), rtol=2e-3)
+
+
+def test_each_trunk_is_cut_where_the_path_meets_it() -> None:
+    """The path from 1 m up to 9 m over 40 m; a cut is at most half a step off."""
+    places = [(x, 0.5) for x in (4, 12, 20, 28, 36)]
+    cuts = TrunkCuts(scene(cone(12.0, 0.6, lean=0.1), *places), 0.0)
+    source, receiver = np.array([0.0, 0, 1.0]), np.array([40.0, 0, 9.0])
+    trunks = cuts.between(source, receiver)
+    assert sorted(trunks.tree) == [0, 1, 2, 3, 4]
+    for x, radius, tree in zip(trunks.position[:, 0], trunks.radius, trunks.tree, strict=True):
+        height = 1.0 + 8.0 * x / 40
+        assert abs(radius - 0.6 * (1 - height / 12)) < 0.6 / 12 * STEP / 2 + 2e-3
+        assert abs(x - (places[tree][0] + 0.1 * height)) < 0.1 * STEP / 2 + 1e-3
+
+
+def test_a_receiver_above_the_canopy() -> None:
+    """The path passes over trees near the receiver and meets those near the source."""
+    cuts = TrunkCuts(scene(cone(10.0, 0.4), (2, 0), (5, 0), (9, 0), (11, 0)), 0.0)
+    trunks = cuts.between(np.array([0.0, 0.3, 1.5]), np.array([12.0, 0.3, 25.0]))
+    heard = [1.5 + 23.5 * x / 12 < 10 for x in (2, 5, 9, 11)]
+    assert sorted(trunks.tree) == list(np.flatnonzero(heard)) == [0]
+    assert len(cuts.between(np.array([0.0, 0, 30.0]), np.array([12.0, 0, 40.0]))) == 0
+
+
+@pytest.mark.parametrize("low", [1.0, 30.0])
+def test_there_and_back_are_the_same_trunks(low: float) -> None:
+    cuts = TrunkCuts(scene(cone(12.0, 0.6), (4, 1), (12, 2), (20, -3), (20, 0)), 0.0)
+    ends = np.array([0.0, 0, low]), np.array([30.0, 5, 6.0])
+    there, back = cuts.between(*ends), cuts.between(*ends[::-1])
+    for part in ("tree", "radius"):
+        np.testing.assert_allclose(sorted(getattr(there, part)), sorted(getattr(back, part)))
+
+
+FIELD = ((-10.0, -20.0), (40.0, 30.0))
+
+
+def planted(count: int = 60) -> Trunks:
+    rng = np.random.default_rng(5)
+    inside = rng.uniform((-10, -20), (30, 10), (count, 2))
+    stray = [[500.0, 500.0]]  # outside the field: neither counted nor copied
+    return Trunks(
+        np.concatenate([inside, stray]),
+        np.append(rng.choice([0.1, 0.2, 0.4], count), 9.0),
+        np.arange(count + 1),
+    )
+
+
+def test_outside_the_field_within_the_distance() -> None:
+    centre = np.array([0.0, 0.0])
+    beyond = continue_trunks(planted(), FIELD, centre, 100.0, stream(1, "beyond"))
+    x, y = beyond.position.T
+    assert (np.hypot(x, y) <= 100).all()
+    assert not ((x > -10) & (x < 30) & (y > -20) & (y < 10)).any()
+    assert set(beyond.radius) == {0.1, 0.2, 0.4}
+    assert (beyond.tree == -1).all()
+
+
+def test_counts_are_poisson_with_the_fields_density() -> None:
+    """Mean and variance over 400 seeds; each is missed by chance once in 10 000 times."""
+    density = 60 / 1200
+    area = math.pi * 50**2 - 1200
+    counts = [
+        len(continue_trunks(planted(), FIELD, np.array([10.0, -5.0]), 50.0, stream(seed, "beyond")))
+        for seed in range(400)
+    ]
+    expected = density * area
+    assert abs(np.mean(counts) - expected) < 3.9 * math.sqrt(expected / 400)
+    assert abs(np.var(counts) / expected - 1) < 3.9 * math.sqrt(2 / 399)
+
+
+def test_same_stream_same_forest() -> None:
+    first, second = (
+        continue_trunks(planted(), FIELD, np.zeros(2), 80.0, stream(4, "beyond")) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.position, second.position)
+
+
+def test_source_and_receiver_stand_free() -> None:
+    clear = np.array([[60.0, 60.0], [-60.0, -60.0]])
+    for seed in range(20):
+        thick = Trunks(planted().position, np.full(61, 6.0), np.arange(61))
+        beyond = continue_trunks(thick, FIELD, np.zeros(2), 99.0, stream(seed, "b"), clear)
+        for place in clear:
+            assert (np.hypot(*(beyond.position - place).T) > 6.0).all()
+
+
+def test_no_field_no_forest() -> None:
+    nothing = Trunks(np.empty((0, 2)), np.empty(0), np.empty(0, np.int64))
+    assert len(continue_trunks(nothing, FIELD, np.zeros(2), 100.0, stream(0, "b"))) == 0
+    # Reaching no farther than the field adds nothing.
+    assert len(continue_trunks(planted(), FIELD, np.zeros(2), 5.0, stream(0, "b"))) == 0
+
+
+def test_too_many_are_refused() -> None:
+    dense = Trunks(np.zeros((10**6, 2)), np.ones(10**6), np.zeros(10**6, np.int64))
+    with pytest.raises(ValueError, match="lower continue_to"):
+        continue_trunks(dense, FIELD, np.zeros(2), 2000.0, stream(0, "b"))

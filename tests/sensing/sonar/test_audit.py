@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from references.echo_scenes import scene_of
+from references.echoes import scene_of
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join

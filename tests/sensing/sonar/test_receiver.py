@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from references.leaf_discs import discs_of
+from references.echoes import discs_of
+from scipy.signal import windows
 from scipy.stats import chi2, poisson
 
-from forest_addon.sensing.sonar.calls import Call
-from forest_addon.sensing.sonar.ping import Echo, ping
+from forest_addon import api as forest
+from forest_addon.drawing.echoes import cochleagram as drawn_cochleagram
+from forest_addon.formats.sofa import HeadResponses
+from forest_addon.sensing.sonar import calls
+from forest_addon.sensing.sonar.beam import MeasuredBeam, MeasuredSphere
+from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
+from forest_addon.sensing.sonar.equipment_files import ears_of_head, equip
+from forest_addon.sensing.sonar.glance import COLUMNS, cochleagram
+from forest_addon.sensing.sonar.ping import Echo, EchoTargets, fly, ping
 from forest_addon.sensing.sonar.receiver import REFERENCE, EchoReceiver, receive
+from forest_addon.sensing.sonar.station import Equipment, SonarPose, posed
 from forest_addon.spec import Air, Sonar, SonarReceiver, SpecError
 
 AIR = Air(sound_speed=340.0)
@@ -262,3 +273,438 @@ def test_wind_and_insects_have_their_published_levels() -> None:
         even, octave = receiver.density(np.array([5e3, 2 * top]))
         assert 10 * math.log10(even * width / REFERENCE**2) == pytest.approx(level)
         assert even / octave == pytest.approx(4.0)
+
+
+# --------------------------------------------------------------------------------------------- calls
+# Calls and their echoes: sweeps, records, Doppler, against sums in time.
+
+
+def calls_sonar_of(**settings: Any) -> Sonar:
+    plain = {"position": (0, 0, 0), "absorption": False, "leaf_model": "piston", "beam": "omni"}
+    return Sonar(**(plain | settings))
+
+
+@pytest.mark.parametrize("kind", ["fm", "cf-fm"])
+def test_calls_fall_from_the_top_of_the_band_to_its_foot(kind: str) -> None:
+    call = synthesise(calls_sonar_of(call=kind, call_duration=0.005))
+    assert np.abs(call.samples).max() == 1
+    assert call.duration == pytest.approx(0.005)
+    from scipy.signal import hilbert
+
+    turned = np.diff(np.unwrap(np.angle(hilbert(call.samples)))) * 400e3 / (2 * math.pi)
+    frequency = turned[200:-200]  # the fades aside
+    assert np.diff(frequency[::40]).max() < 400
+    assert frequency[0] == pytest.approx(79e3 if kind == "cf-fm" else 76.5e3, rel=0.02)
+    assert frequency[-1] == pytest.approx(62.8e3 if kind == "fm" else 70e3, rel=0.05)
+    tone = frequency[: int(0.6 * len(frequency))]
+    assert (np.ptp(tone) < 300) == (kind == "cf-fm")
+
+
+def test_spectrum_is_the_transform() -> None:
+    call = Call(np.random.default_rng(0).normal(size=300), 400e3)
+    frequency = np.linspace(60e3, 80e3, 41)
+    steps = np.outer(frequency, np.arange(300) / 400e3)
+    np.testing.assert_allclose(
+        call.spectrum(frequency), np.exp(-2j * math.pi * steps) @ call.samples, atol=1e-9
+    )
+
+
+def test_an_echo_of_a_call_is_the_call_delayed_and_weaker() -> None:
+    """A leaf at 1.7 m, 10 ms; the call's own samples come back, filtered by k (d/dt of the call)."""
+    sonar = calls_sonar_of(call="fm", call_duration=0.003)
+    echo = ping(discs_of([[1.7, 0, 0]], [1.0, 0, 0], 0.02), sonar, AIR)
+    call = synthesise(sonar)
+    rate = 400e3
+    # |A| = k a²/2r², k·f = i·(ka)²/2: the echo is the derivative of the call over c, times a²/2r².
+    slope = np.gradient(call.samples) * rate / 340.0 * 0.02**2 / (2 * 1.7**2)
+    start = round(2 * 1.7 / 340 * rate)
+    mine = echo.waveforms[0][start : start + len(slope)]
+    inner = slice(150, -150)
+    fine = np.corrcoef(mine[inner], slope[inner])[0, 1]
+    assert fine > 0.99
+    assert np.abs(mine[inner]).max() == pytest.approx(
+        np.abs(mine[inner] @ slope[inner])
+        / np.abs(slope[inner] @ slope[inner])
+        * np.abs(slope[inner]).max(),
+        rel=0.1,
+    )
+    assert not np.allclose(echo.waveforms, echo.responses)
+    assert np.abs(echo.waveforms[0][: start - 400]).max() < 1e-2 * np.abs(mine).max()
+
+
+def test_own_samples_are_brought_to_the_rate_and_stay_as_loud() -> None:
+    tone = np.sin(2 * math.pi * 50e3 * np.arange(500) / 250e3) * 7000
+    call = resampled(np.stack([tone, 0 * tone], 1), 250e3, calls_sonar_of())
+    assert len(call.samples) == 800
+    assert np.abs(call.samples[100:-100]).max() == pytest.approx(7000, rel=1e-2)
+    peak = np.argmax(np.abs(np.fft.rfft(call.samples)))
+    assert np.fft.rfftfreq(800, 1 / 400e3)[peak] == pytest.approx(50e3, abs=600)
+    with pytest.raises(ValueError, match="silent"):
+        resampled(np.zeros(10), 250e3, calls_sonar_of())
+
+
+@pytest.mark.parametrize("record", [0.005, 0.0118, 0.05])
+def test_a_given_record_cuts_and_never_wraps(record: float) -> None:
+    """Leaves at 1 m and 3 m: 5.9 and 17.6 ms."""
+    discs = discs_of([[1, 0, 0], [3, 0.1, 0]], [1.0, 0, 0], 0.01)
+    echo = ping(discs, calls_sonar_of(record=record), AIR)
+    assert len(echo.time) == math.ceil(record * 400e3)
+    assert echo.late == sum(2 * r / 340 > record for r in (1.0, math.hypot(3, 0.1)))
+    whole = ping(discs, calls_sonar_of(), AIR)
+    shared = min(len(echo.time), len(whole.time), round(0.009 * 400e3))
+    size = whole.envelope.max()
+    if echo.late < 2:
+        np.testing.assert_allclose(
+            echo.responses[0, :shared], whole.responses[0, :shared], atol=1e-5 * size
+        )
+    else:
+        assert not echo.responses.any()
+
+
+def shifted(call: Call, factor: float, delay: float, count: int) -> np.ndarray:
+    """The call played faster, later, sample by sample with a windowed sinc."""
+    time = factor * (np.arange(count) / call.sample_rate - delay) * call.sample_rate
+    n = np.arange(len(call.samples))
+    return np.array([np.sum(call.samples * np.sinc(t - n)) for t in time])
+
+
+@pytest.mark.parametrize("speed", [0.0, 5.0, -5.0])
+def test_doppler_is_a_stretch_of_time(speed: float) -> None:
+    sonar = calls_sonar_of(call="fm", call_duration=0.002, doppler=True)
+    pose = SonarPose(np.zeros(3), np.eye(3), np.array([speed, 0, 0]))
+    echo = ping(discs_of([[0.5, 0, 0]], [1.0, 0, 0], 0.01), sonar, AIR, pose=pose)
+    call = synthesise(sonar)
+    alpha = (340 + speed) / (340 - speed)
+    delayed = shifted(call, alpha, 2 * 0.5 / 340, len(echo.time))
+    expected = np.gradient(delayed) * 400e3 / 340.0 * 0.01**2 / (2 * 0.5**2)
+    mine = echo.waveforms[0]
+    inner = slice(*(np.array([0.0032, 0.0046]) * 400e3).astype(int))
+    fit = (mine[inner] @ expected[inner]) / (expected[inner] @ expected[inner])
+    assert np.corrcoef(mine[inner], expected[inner])[0, 1] > 0.995
+    assert 0.98 < fit < 1.25  # np.gradient is low at these frequencies, by sin x/x
+
+
+@pytest.mark.medium
+def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
+    rng = np.random.default_rng(1)
+    places = rng.normal(size=(12, 3))
+    places *= (rng.uniform(0.3, 1.5, 12) / np.linalg.norm(places, axis=1))[:, None]
+    sonar = calls_sonar_of(call="cf-fm", call_duration=0.004, doppler=True, record=0.02, cull=0.0)
+    pose = SonarPose(np.zeros(3), np.eye(3), np.array([7.0, 2.0, 0]))
+    whole = ping(discs_of(places, places, 0.02), sonar, AIR, pose=pose)
+    parts = sum(
+        ping(discs_of(p[None], p[None], 0.02), sonar, AIR, pose=pose).waveforms for p in places
+    )
+    size = np.abs(whole.waveforms).max()
+    np.testing.assert_allclose(whole.waveforms, parts, atol=2e-4 * size)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    "known",
+    [
+        (60e3, 80e3),
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ((55e3, 90e3), (64e3, 71e3))),
+    ],
+)
+@pytest.mark.parametrize("model", ["exact", "piston"])
+def test_doppler_with_measured_ears_keeps_the_tolerance(known, model) -> None:
+    """Against the sum of every path at every bin; the pattern has kinks where its frequencies end."""
+    rng = np.random.default_rng(3)
+    places = rng.normal(size=(300, 3)) * 0.4 + [2.0, 0, 0]
+    angle = np.radians(np.arange(0.0, 181.0, 15.0))
+    level = -np.minimum(30.0, 20.0 * angle**2)[:, None] + rng.normal(0, 1.5, (len(angle), 5))
+    ears = MeasuredBeam(angle, np.linspace(*known, 5), level)
+    sonar = calls_sonar_of(
+        call="fm", doppler=True, cull=0.0, ears=2, ear_turn_deg=25, leaf_model=model, tolerance=0.0
+    )
+    pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
+    discs = discs_of(places, rng.normal(size=(300, 3)), rng.uniform(0.003, 0.05, 300))
+    given = {"pose": pose, "equipment": Equipment.of(sonar, hears=(ears,))}
+    exact = ping(discs, sonar, AIR, **given)
+    size = exact.size[:, None]
+    loudest = np.abs(synthesise(sonar).spectrum(exact.frequency)).max()
+    for tolerance in (1e-3, 1e-6):
+        fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
+        assert (np.abs(fast.spectra - exact.spectra) <= tolerance * size).all()
+        assert (np.abs(fast.called - exact.called) <= tolerance * loudest * size).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hearing", ["omni", "measured"])
+@pytest.mark.parametrize("model", ["paper", "piston", "exact"])
+def test_doppler_of_echoes_that_are_alike_keeps_the_tolerance(model: str, hearing: str) -> None:
+    """Of two kinds, at two speeds, so that all errors add up: against every path at every bin."""
+    count, angle = 700, np.radians([0.0, 60.0, 180.0])
+    sonar = calls_sonar_of(
+        call="fm", doppler=True, cull=0.0, leaf_model=model, absorption=True, sample_rate=200e3
+    )
+    levels = np.array([[0.0, -1.0, 1.0], [-3.0, -8.0, -6.0], [-12.0, -15.0, -20.0]])
+    ears = MeasuredBeam(angle, np.array([5e4, 7e4, 1e5]), levels)
+    equipment = Equipment.of(sonar, hears=(ears,) if hearing == "measured" else ())
+    pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
+    places, normals = (
+        np.array([[2.0, 0.3, 0], [1.2, -1.5, 0.4]]),
+        np.array([[1.0, 0.5, 0], [0, 1, 1]]),
+    )
+    size = np.array([0.012, 0.02])
+    few = discs_of(places, normals, size)
+    many = discs_of(np.tile(places, (count, 1)), np.tile(normals, (count, 1)), np.tile(size, count))
+    given = {"pose": pose, "equipment": equipment}
+    exact = ping(few, sonar.changed(tolerance=0.0), AIR, **given)
+    loudest = np.abs(synthesise(sonar).spectrum(exact.frequency)).max()
+    for tolerance in (1e-3, 1e-5):
+        fast = ping(many, sonar.changed(tolerance=tolerance), AIR, **given)
+        off = np.abs(fast.called - count * exact.called).max() / (loudest * count * exact.size[0])
+        assert 1e-12 < off <= tolerance
+
+
+@pytest.mark.parametrize("lead", [0.0, 7e-4])
+def test_spectra_of_a_call_on_a_grid_are_those_at_each_speed(lead: float) -> None:
+    call, speeds = (
+        synthesise(calls_sonar_of(call="fm", call_duration=0.002)),
+        np.array([0.97, 1.0, 1.04]),
+    )
+    frequency = 60e3 + 37.0 * np.arange(500)
+    time = np.arange(len(call.samples)) / call.sample_rate - lead
+    found = call.spectra_on(60e3, 37.0, 500, speeds, lead)
+    for speed, spectrum in zip(speeds, found, strict=True):
+        turns = np.outer(frequency / speed, time)
+        exact = np.exp(-2j * np.pi * turns) @ call.samples / speed
+        np.testing.assert_allclose(spectrum, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+
+
+def test_a_flight_is_stacked_to_one_length() -> None:
+    discs = discs_of([[1, 0, 0], [6, 0.1, 0]], [1.0, 0, 0], 0.02)
+    sonar = calls_sonar_of(beam="gaussian", beam_width_deg=(60, 60), ears=2)
+    poses = [posed(sonar), SonarPose(np.array([3.0, 0, 0]), np.eye(3), np.zeros(3))]
+    flight = fly(EchoTargets.of_discs(discs), sonar, AIR, poses)
+    stacked = flight.stacked("responses")
+    assert stacked.shape == (2, 2, len(flight.time))
+    for row, echo in zip(stacked, flight.echoes, strict=True):
+        np.testing.assert_array_equal(row[:, : len(echo.time)], echo.responses)
+        assert not row[:, len(echo.time) :].any()
+    position, axis = flight.poses()
+    np.testing.assert_array_equal(position, [[0, 0, 0], [3, 0, 0]])
+    np.testing.assert_array_equal(axis, [[1, 0, 0], [1, 0, 0]])
+    with pytest.raises(ValueError, match="at least one pose"):
+        fly(EchoTargets.of_discs(discs), sonar, AIR, [])
+
+
+def test_who_made_this_peak() -> None:
+    discs = discs_of([[2, 0, 0], [1.2, 0.001, 0], [3, 0, 0]], [1.0, 0, 0], [0.01, 0.02, 0.03])
+    echo = ping(discs, calls_sonar_of(), AIR)
+    peak = echo.time[np.argmax(echo.envelope)]
+    (row,) = echo.heard.around(float(peak), echo.sample_rate)
+    assert echo.heard.number[row] == 1
+    assert (np.diff(echo.heard.amplitude) <= 0).all()
+    assert echo.heard.delay[row] == pytest.approx(2 * math.hypot(1.2, 0.001) / 340)
+
+
+@pytest.mark.parametrize("count", [2, 3, 100, 801])
+def test_a_call_fades_as_scipys_window_does(count: int) -> None:
+    expected = windows.tukey(count + 2, 2 * calls.EDGE)[1:-1]
+    np.testing.assert_allclose(calls._fade(count), expected, rtol=0, atol=1e-13)
+
+
+# -------------------------------------------------------------------------------------------- glance
+# A glance of a sonar's ears: pulses show at their distances, tones in their channels, at their levels.
+
+SPEED = 343.0
+FREQUENCY = np.arange(30e3, 90e3, 10.0)
+CENTRE = np.geomspace(30e3, 90e3, 40)
+LASTS = 2 * 10.0 / SPEED
+
+
+def at(distance, gain):
+    """The spectrum of an echo from a distance."""
+    return gain * np.exp(-2j * np.pi * FREQUENCY * 2 * distance / SPEED)
+
+
+def test_two_pulses_are_where_they_come_from_and_as_loud_as_they_are():
+    level = cochleagram(FREQUENCY, (at(2.0, 0.1) + at(7.0, 0.01))[None], CENTRE, LASTS)[0]
+    assert level.shape == (40, COLUMNS)
+    slices = [round(d / 10 * COLUMNS) for d in (2.0, 7.0)]
+    for row in level[8:-8]:
+        first = int(row.argmax())
+        second = int(row[150:].argmax()) + 150
+        assert abs(first - slices[0]) <= 1
+        assert abs(second - slices[1]) <= 1
+        assert (row[first], row[second]) == pytest.approx((-20, -40), abs=0.5)
+
+
+def test_an_echo_of_part_of_the_band_is_in_those_channels():
+    """Where a filter's centre is nearest to 50 kHz, that part is loudest; an octave away it is not there."""
+    spectrum = at(3.0, 1.0) * (np.abs(FREQUENCY - 50e3) < 1500)
+    peak = cochleagram(FREQUENCY, spectrum[None], CENTRE, LASTS)[0].max(axis=1)
+    assert abs(CENTRE[int(peak.argmax())] - 50e3) < 1500
+    assert peak[CENTRE > 85e3].max() < peak.max() - 20
+
+
+def test_silence_is_silence_and_ears_are_apart():
+    level = cochleagram(FREQUENCY, np.stack([0 * FREQUENCY, at(5, 1.0)]), CENTRE, LASTS)
+    assert level[0].max() == level.min()
+    assert np.isneginf(cochleagram(FREQUENCY, 0j * FREQUENCY[None], CENTRE, LASTS)).all()
+
+
+def test_the_end_of_an_echo_is_not_heard_at_its_beginning():
+    """Channels of the report's picture, of a click that they still ring of as the echo ends."""
+    rate, click = 250_000.0, np.zeros((1, 8192))
+    click[0, -60] = 1.0
+    echo = SimpleNamespace(
+        frequency=np.array([25e3, 80e3]), sample_rate=rate, heard_waveforms=click
+    )
+    _, level = drawn_cochleagram(echo)
+    assert level[:, -2:].max() > level.max() - 10.0
+    assert level[:, :200].max() < level.max() - 80.0
+
+
+# ------------------------------------------------------------------------------------- measured ears
+# Ears that were measured all round: from arrays, CSV and SOFA, at what was measured and between.
+
+BAND = (30e3, 60e3)
+MEASURED_EARS_FREQUENCY = np.array([30e3, 40e3, 50e3, 60e3])
+
+
+def directions(count: int, seed: int = 1) -> np.ndarray:
+    towards = np.random.default_rng(seed).normal(size=(count, 3))
+    return towards / np.linalg.norm(towards, axis=1, keepdims=True)
+
+
+def level_at(towards: np.ndarray, frequency: np.ndarray, left: float = 1.0) -> np.ndarray:
+    """A smooth pattern, (D, F) dB: loudest to one side, narrower at high frequencies."""
+    side = 0.8 * towards[:, 0] + 0.6 * left * towards[:, 1]
+    return 12.0 * (side[:, None] - 1.0) * (frequency / 40e3)
+
+
+def angles(towards: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuth and elevation, degrees."""
+    return (
+        np.degrees(np.arctan2(towards[:, 1], towards[:, 0])),
+        np.degrees(np.arcsin(np.clip(towards[:, 2], -1, 1))),
+    )
+
+
+def offsets(towards: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    off = np.arccos(towards[:, 0])
+    side = np.hypot(towards[:, 1], towards[:, 2])
+    return off * towards[:, 1] / side, off * towards[:, 2] / side
+
+
+def measured_ears_heard(
+    ears: int, places: np.ndarray, file: str, folder: Path, **settings: object
+) -> Echo:
+    sonar = Sonar(
+        position=(0, 0, 0), absorption=False, leaf_model="piston", beam="omni", band=BAND, ears=ears,
+        hearing="file", hearing_file=file, **({"cull": 0.0} | settings),
+    )  # fmt: skip
+    leaves = discs_of(places, places, 0.01)
+    return ping(leaves, sonar, Air(sound_speed=340.0), equipment=equip(sonar, folder))
+
+
+def test_what_was_measured_is_met_and_between_it_is_mixed() -> None:
+    measured = directions(2500)
+    pattern = MeasuredSphere.all_round(
+        measured, MEASURED_EARS_FREQUENCY, level_at(measured, MEASURED_EARS_FREQUENCY)
+    )
+    assert len(pattern.direction) == 2500  # nothing to fill
+    gain = pattern.gain(*offsets(measured), MEASURED_EARS_FREQUENCY)
+    np.testing.assert_allclose(20 * np.log10(gain.T), pattern.level, atol=1e-7)
+    asked = directions(4000, 2)
+    gain = pattern.gain(*offsets(asked), np.array([35e3]))
+    wrong = 20 * np.log10(gain[0]) - level_at(asked, np.array([35e3]))[:, 0]
+    assert np.abs(wrong).max() < 0.15  # dB, of 21: the sag of a plane between directions 5° apart
+
+
+def test_what_was_not_measured_is_as_the_nearest_that_was() -> None:
+    azimuth = np.radians(np.arange(-90, 91, 5.0))  # a half circle ahead alone
+    measured = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=1)
+    level = np.linspace(-10, 0, len(azimuth))[:, None]
+    pattern = MeasuredSphere.all_round(measured, MEASURED_EARS_FREQUENCY[:1], level)
+    behind = np.array([[-0.5, math.sqrt(0.75), 0.0], [-0.5, -math.sqrt(0.75), 0.0]])
+    found = 20 * np.log10(pattern.gain(*offsets(behind), BAND[:1])[0])
+    np.testing.assert_allclose(found, [0, -10], atol=0.6)
+
+
+@pytest.mark.medium
+def test_the_fast_sum_keeps_its_tolerance_with_ears_all_round(tmp_path: Path) -> None:
+    measured = directions(300)
+    level = np.stack([level_at(measured, MEASURED_EARS_FREQUENCY, left) for left in (1.0, -1.0)])
+    azimuth, elevation = angles(measured)
+    file = forest.save_pattern(
+        tmp_path / "ears.csv",
+        MEASURED_EARS_FREQUENCY,
+        level,
+        azimuth_deg=azimuth,
+        elevation_deg=elevation,
+    )
+    places = directions(400, 3) * np.random.default_rng(4).uniform(1, 4, (400, 1))
+    fast = measured_ears_heard(2, places, file, tmp_path, tolerance=1e-5)
+    exact = measured_ears_heard(2, places, file, tmp_path, tolerance=0.0)
+    alone = [
+        np.abs(measured_ears_heard(2, places[i : i + 1], file, tmp_path).spectra).max()
+        for i in range(8)
+    ]
+    wrong = np.abs(fast.spectra - exact.spectra).max()
+    assert wrong <= 1e-5 * 400 * max(alone)
+    assert not np.allclose(exact.spectra[0], exact.spectra[1], rtol=0.1)
+
+
+def test_a_heads_file_gives_each_ear_its_own_levels(tmp_path: Path) -> None:
+    """The echo of a leaf over what ears make of it that hear all alike, against the file's DFT."""
+    sofar = pytest.importorskip("sofar")
+    rate, measured = 192e3, directions(200)
+    rng = np.random.default_rng(8)
+    taps = rng.normal(size=(200, 2, 4)) * [[1.0], [0.4]] + [4.0, 0, 0, 0]
+    azimuth, elevation = angles(measured)
+    file = sofar.Sofa("SimpleFreeFieldHRIR")
+    file.Data_IR, file.Data_SamplingRate = taps, rate
+    file.SourcePosition = np.column_stack([azimuth % 360, elevation, np.ones(200)])
+    sofar.write_sofa(str(tmp_path / "head.sofa"), file)
+    for row in (3, 77):
+        place = 2.0 * measured[row : row + 1]
+        echo = measured_ears_heard(2, place, "head.sofa", tmp_path, ear_spacing=0.0)
+        flat = forest.save_pattern(tmp_path / "flat.csv", [40e3], [[0.0]] * 2, angle_deg=[0, 180])
+        plain = measured_ears_heard(2, place, flat, tmp_path, ear_spacing=0.0)
+        gain = 20 * np.log10(np.abs(echo.spectra / plain.spectra))
+        turn = np.exp(-2j * np.pi * np.outer(np.arange(4), echo.frequency) / rate)
+        wanted = 20 * np.log10(np.abs(taps[row] @ turn))
+        off = (gain - wanted)[:, (echo.frequency >= BAND[0]) & (echo.frequency <= BAND[1])]
+        np.testing.assert_allclose(off[0].mean(), off[1].mean(), atol=0.2)  # one reference for both
+        assert np.abs(off - off.mean()).max() < 0.5  # dB: the polynomial over the frequency
+
+
+def test_what_cannot_be_heard_is_said(tmp_path: Path) -> None:
+    head = HeadResponses(directions(50), np.ones((50, 2, 8)), 44100.0)
+    with pytest.raises(SpecError, match="up to 22,050 Hz and the band goes to 60,000 Hz"):
+        ears_of_head(head, BAND, "head.sofa")
+    with pytest.raises(SpecError, match="silent"):
+        ears_of_head(HeadResponses(directions(50), np.zeros((50, 2, 8)), 2e5), BAND, "head.sofa")
+    level = np.zeros((2, 50, 1))
+    azimuth, elevation = angles(directions(50))
+    file = forest.save_pattern(
+        tmp_path / "ears.csv", [40e3], level, azimuth_deg=azimuth, elevation_deg=elevation
+    )
+    with pytest.raises(SpecError, match="set ears = 2"):
+        measured_ears_heard(3, np.ones((1, 3)), file, tmp_path)
+    with pytest.raises(SpecError, match="a beam takes one"):
+        equip(Sonar(beam="file", beam_file=file), tmp_path)
+    (tmp_path / "bad.csv").write_text("ear,azimuth_deg,elevation_deg,40000\n1,0,0,0\n")
+    with pytest.raises(SpecError, match="number ears from 0"):
+        measured_ears_heard(1, np.ones((1, 3)), "bad.csv", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"level_db": [[0], [0]]}, "takes angle_deg, or"),
+        ({"level_db": [[0], [0]], "angle_deg": [0, 90, 180]}, r"shape \(2, 1\); give \(3, 1\)"),
+        ({"level_db": [[0], [math.nan]], "angle_deg": [0, 90]}, "finite"),
+        ({"level_db": [[[0], [0]]], "angle_deg": [0, 90]}, "needs azimuth_deg"),
+        ({"level_db": [["loud"]], "angle_deg": [0]}, "arrays of numbers"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, given: dict, words: str) -> None:
+    with pytest.raises(SpecError, match=words):
+        forest.save_pattern(tmp_path / "x.csv", [40e3], **given)
+    assert not list(tmp_path.iterdir())

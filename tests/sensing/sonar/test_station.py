@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references.leaf_discs import discs_of
+from references.echoes import discs_of
 
 from forest_addon.sensing.sonar.beam import (
     BeamPattern,

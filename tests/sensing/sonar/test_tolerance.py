@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from references.echo_scenes import scene_of
-from references.hard_disc import HardDisc
+from references.discs import HardDisc
+from references.echoes import scene_of
 
 from forest_addon.acoustics.disc_table import LAST, table_error, tabulated
 from forest_addon.acoustics.nonuniform import sum_delayed

@@ -1,11 +1,24 @@
 """Stems of two lists matched, and diameters by tape, by circle and as FORTLS has them."""
 
+import argparse
+
 import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
+from scipy import stats
 
 from forest_addon.base.rng import stream
+from forest_addon.formats.tree_map import read_tree_map
+from forest_addon.stand.statistics.intensity import Window
 from studies.validation import tapes as residuals
+from studies.validation.covariates import fit_covariates
+from studies.validation.leaves import (
+    KINDS,
+    inclinations,
+    read_angles,
+    validate,
+)
+from studies.validation.stand import MAPS, judge
 from studies.validation.tapes import (
     bole,
     breast_diameter,
@@ -18,6 +31,7 @@ from studies.validation.tapes import (
     sections_of,
     taper_of,
 )
+from studies.validation.trees import band_of, read_trees
 
 
 def two_lists(rng, turn_deg, shift, lost=8, stems=40):
@@ -123,3 +137,79 @@ def test_riojas_lists_match_in_most_plots():
     assert chance < 130
     assert len(left) <= 3
     assert (stems[:, 2] - stems[:, 1]).mean() == pytest.approx(-2.1, abs=0.3)
+
+
+# --------------------------------------------------------------------------------------------- trees
+# Bands of measured trees, and what is taken from a grown one.
+
+
+def test_a_band_holds_ninety_in_a_hundred_of_the_trees_near_it():
+    rng = stream(1, "band")
+    dbh = rng.uniform(0.1, 0.4, 5000)
+    height = rng.normal(10, 2, 5000)
+    height[:50] = np.nan
+    band, count = band_of({"dbh_m": dbh, "height_m": height}, "height_m", 0.2)
+    near = np.isfinite(height) & (dbh > 0.16) & (dbh < 0.25)
+    assert count == near.sum()
+    held = (height[near] >= band.low) & (height[near] <= band.high)
+    assert held.mean() == pytest.approx(0.9, abs=0.01)
+    assert band_of({"dbh_m": dbh, "height_m": height}, "height_m", 5.0) == (None, 0)
+
+
+@needs_measurements
+def test_measured_trees_are_read_by_type():
+    trees = read_trees(FOUND / "baad_trees.csv")
+    assert {kind: len(columns["dbh_m"]) for kind, columns in trees.items()}.keys() == {"DA", "EG"}
+    band, count = band_of(trees["EG"], "height_m", 0.2)
+    assert count > 100
+    assert 5 < band.low < band.value < band.high < 30
+
+
+# -------------------------------------------------------------------------------------------- leaves
+# Leaf inclinations of presets against those measured of the same species.
+
+
+@pytest.mark.slow
+@needs_measurements
+def test_measured_variants_are_not_refused_and_presets_of_papers_are(tmp_path):
+    """At 1e-3 instead of 5 %: four right samples are refused by chance once in 250 seeds; this one is not."""
+    angles = read_angles(FOUND / "leaf_angles.csv")
+    for kind in KINDS:
+        measured = np.concatenate(list(angles[kind.measured].values()))
+        tests = [stats.ks_2samp(measured, inclinations(n, 2)) for n in (kind.after, kind.before)]
+        assert tests[0].pvalue > 1e-3 > tests[1].pvalue
+    found = validate(FOUND, tmp_path, argparse.Namespace(seed=1))
+    assert len(found) == 4 * len(KINDS)
+    assert found[-1].pictures[0].path.stat().st_size < 150_000
+
+
+# --------------------------------------------------------------------------------------------- stand
+# The processes that mapped stands need, on the smallest map.
+
+
+@pytest.mark.slow
+@needs_measurements
+def test_young_pines_are_no_poisson_process_and_groups_serve_them():
+    stand = next(s for s in MAPS if s.name == "finpines")
+    points = read_tree_map(FOUND / "stands" / "finpines.csv").position
+    laws = judge(stand, points, np.linspace(0.1, stand.reach, 25), None, 1)
+    p_values = {law.name: law.excess.p_value for law in laws}
+    assert p_values["Poisson"] < 0.05 < p_values["clusters"]
+
+
+def test_coefficients_of_covariates_are_found_again():
+    """Each within 4.5 of its standard errors: fails once in 50,000."""
+    rows, columns = 40, 50
+    window = Window.rectangle(np.zeros(2), np.array([100.0, 80.0]))
+    z = np.stack(np.meshgrid(np.linspace(-1, 1, columns), np.linspace(100, 130, rows)))
+    mean = np.exp(-16.0 + 1.5 * z[0] + 0.1 * z[1]) * window.area / (rows * columns) * 40
+    rng = stream(1, "covariates")
+    count = rng.poisson(mean)
+    row, column = np.divmod(np.repeat(np.arange(rows * columns), count.ravel()), columns)
+    points = (np.stack([column, row], axis=1) + rng.random((len(row), 2))) * [2.0, 2.0]
+    fit = fit_covariates(points, z, window)
+    assert (np.abs(fit.coefficient[1:] - [1.5, 0.1]) < 4.5 * fit.error[1:]).all()
+    assert fit.pixels.sum() * 4.0 == pytest.approx(len(points))
+    assert fit.at(points[:5]).min() > 0
+    with pytest.raises(ValueError, match="drop one"):
+        fit_covariates(points, np.stack([z[0], 2 * z[0] + 1]), window)

@@ -1,12 +1,18 @@
 """Forests built by the button, for real, of three small trees."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Vector
 from ui.pressing import (
     ROOT,
     SENSORS,
+    clouds,
     counts,
     facts,
     press,
@@ -14,13 +20,36 @@ from ui.pressing import (
     trees,
 )
 
+from forest_addon.base.places import ASSETS
 from forest_addon.blender.jobs import Job
+from forest_addon.blender.read.depsgraph import read_scene
 from forest_addon.blender.scene import forest as forest_room
+from forest_addon.blender.scene import forest as room
 from forest_addon.blender.scene import layout
+from forest_addon.blender.scene.instances import TREE_KEY
+from forest_addon.blender.scene.layout import TREES, part
+from forest_addon.blender.scene.nodes import shown_of
+from forest_addon.blender.sensors.objects import sensors_of
+from forest_addon.blender.show.preview import LAWN
 from forest_addon.formats.toml_file import read_settings
+from forest_addon.growth.mesh.stand_in import LEVELS
+from forest_addon.site import ForestSite
 from forest_addon.spec import Scene
-from forest_addon.ui.forest import build
+from forest_addon.ui.forest import build, scene_file, start
+from forest_addon.ui.forest.start import (
+    GALLERY,
+    PREVIEWS,
+    SCENES,
+    draw_gallery,
+    draw_presets,
+    presets,
+    words_of,
+)
+from forest_addon.ui.forest.wind import forest_of_points
+from forest_addon.ui.sensors.run import chosen_things
 from forest_addon.ui.settings import exchange
+
+from ..test_panels import Layout, canvas
 
 
 @pytest.mark.medium
@@ -31,24 +60,6 @@ def test_build_plants_a_forest(built):
     assert {*SENSORS, "reverb receiver"} == {
         thing.name for thing in layout.part(bpy.context.scene, "Sensors").objects
     }
-
-
-@pytest.mark.medium
-def test_building_again_is_the_same_forest_and_nothing_piles_up(built):
-    places = sorted(tuple(tree.matrix_world.translation) for tree in trees())
-    before = counts()
-    assert press("build") == {"FINISHED"}
-    assert sorted(tuple(tree.matrix_world.translation) for tree in trees()) == places
-    assert counts() == before
-    assert [c.name for c in bpy.context.scene.collection.children] == ["Forest"]
-
-
-@pytest.mark.slow
-def test_another_seed_is_another_forest(built):
-    places = sorted(tuple(tree.matrix_world.translation) for tree in trees())
-    built.seed += 1
-    press("build")
-    assert sorted(tuple(tree.matrix_world.translation) for tree in trees()) != places
 
 
 @pytest.mark.slow
@@ -148,18 +159,6 @@ def test_the_first_press_starts_with_the_demo_scene(props, monkeypatch, tmp_path
     assert exchange.to_spec(bpy.context.scene).forest == read_settings(demo, Scene).forest
 
 
-@pytest.mark.slow
-def test_each_scene_has_a_forest_of_its_own(built):
-    first = bpy.context.scene
-    number = len(trees())
-    second = bpy.data.scenes.new("Second")
-    with bpy.context.temp_override(scene=second, view_layer=second.view_layers[0]):
-        exchange.from_spec(second, exchange.to_spec(first))
-        press("build")
-    assert layout.root(first) is not None
-    assert len(trees()) == 2 * number
-
-
 @pytest.mark.medium
 def test_one_tree_is_no_trees(small):
     small.plantings[0].expected, small.plantings[0].exact = 1, True
@@ -187,20 +186,343 @@ def test_a_terrain_that_is_deleted_while_trees_grow_on_it(small):
     assert {round(tree.matrix_world.translation.z, 6) for tree in trees()} == {5.0}
 
 
-@pytest.mark.slow
-def test_a_forest_is_built_when_our_collections_were_deleted(built, sensor):
-    run("cloud")
-    bpy.data.collections.remove(layout.root(bpy.context.scene))
-    assert press("build") == {"FINISHED"}
-    sensor("terrestrial", name="another", position=(3, 3, 1), angle_step_deg=6)
-    assert run("another") == {"FINISHED"}
+# ------------------------------------------------------------------------------------------- display
+# What views show of a large forest: full trees, stand-ins or dots; sensors see full trees all the same.
+
+
+def drawn():
+    """Triangles that a view draws of trees, how many instances, and how many dots."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    (thing,) = part(bpy.context.scene, TREES).objects
+    geometry = thing.evaluated_get(depsgraph).evaluated_geometry()
+    instances = geometry.instances_pointcloud()
+    sources = [o.data for o in geometry.instance_references() if hasattr(o, "data")]
+    dots = len(geometry.pointcloud.points) if geometry.pointcloud is not None else 0
+    return sources, 0 if instances is None else len(instances.points), dots
 
 
 @pytest.mark.medium
-def test_a_new_forest_keeps_the_sensors_where_they_are(built):
-    echo = bpy.data.objects["echo"]
-    echo.location = (2, 2, 2)
+def test_display_says_and_sets_what_views_show(built):
+    assert forest_of_points(bpy.context.scene) is None  # objects: nothing to choose
+    assert built.display == "FULL"
+    built.forest.instancing = "points"
     press("build")
-    assert bpy.data.objects["echo"] == echo
-    assert tuple(echo.location) == (2, 2, 2)
-    assert echo.users_collection[0].name == "Sensors"
+    count = int(built.results["forest"].figures["Trees"].value)
+    run("cloud")
+    seen = len(bpy.data.objects[built.results["cloud"].shown].data.vertices)
+    for display in ("LIGHT", "DOTS", "FULL"):
+        built.display = display
+        assert shown_of(forest_of_points(bpy.context.scene)) == built.display == display
+        sources, instances, dots = drawn()
+        assert (instances, dots) == ((0, count) if display == "DOTS" else (count, 0))
+        if display == "LIGHT":
+            assert all(0 < len(data.polygons) <= LEVELS[0].most for data in sources)
+        run("cloud")  # sensors see full trees
+        assert len(bpy.data.objects[built.results["cloud"].shown].data.vertices) == seen
+    built.display = "DOTS"
+    built.seed += 1
+    press("build")
+    assert built.display == "DOTS"  # what was chosen stays
+
+
+@pytest.mark.medium
+def test_many_triangles_become_points_shown_by_stand_ins(built, monkeypatch):
+    assert len(trees()) == 3
+    monkeypatch.setattr(room, "SHOWN_IN_FULL", 100)
+    press("build")
+    assert built.display == "LIGHT"
+    assert trees() == []
+    built.forest.instancing = "objects"  # asked for: the user's own choice
+    press("build")
+    assert len(trees()) == 3
+
+
+def test_triangles_are_counted_as_they_are_drawn(built):
+    from forest_addon.site import ForestSite
+    from forest_addon.ui.settings import exchange
+
+    forest = ForestSite.read(exchange.to_spec(bpy.context.scene)).grow()
+    shown = [len(thing.data.polygons) for thing in trees()]
+    assert room.triangles_of(forest) == np.sum(shown)
+
+
+# -------------------------------------------------------------------------------------------- beside
+# A forest beside the start cube is the same forest, with its sensors, moved.
+
+WAY = np.array((11.0, -18.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", [card.preset for card in GALLERY])
+def test_trees_and_sensors_keep_their_places_among_each_other(preset):
+    path = ASSETS / "scenes" / f"{preset}.toml"
+    there = read_settings(path, Scene)
+    assert not scene_file._is_bound(there)
+    moved = scene_file.moved(there, tuple(WAY))
+    stands = [ForestSite.read(s, path.parent).plan() for s in (there, moved)]
+    assert len(stands[0]) == len(stands[1]) > 0
+    np.testing.assert_allclose(
+        stands[1].position[:, :2], stands[0].position[:, :2] + WAY, atol=1e-6
+    )
+    for before, after in zip(there.sensors, moved.sensors, strict=True):
+        several = before.kind == "mobile"
+        poses = zip(before.poses, after.poses, strict=True) if several else ()
+        for one, other in ((before, after), *poses):
+            for name in ("position", "source", "receiver"):
+                if isinstance(getattr(one, name, None), tuple):
+                    way = np.subtract(getattr(other, name), getattr(one, name))
+                    np.testing.assert_allclose(way, (*WAY, 0.0), atol=1e-9)
+
+
+def test_only_the_cube_of_a_new_file_in_a_window_moves_a_forest(empty_blender, monkeypatch):
+    demo = read_settings(ASSETS / "scenes" / "demo.toml", Scene)
+    scene = bpy.context.scene
+    assert scene_file.beside_cube(scene, demo) == demo
+    bpy.ops.mesh.primitive_cube_add()
+    assert scene_file.beside_cube(scene, demo) == demo  # no window
+    assert scene_file._is_start(scene)
+    scene.objects["Cube"].location.x = 3.0
+    assert not scene_file._is_start(scene)
+
+
+# -------------------------------------------------------------------------------------- results stay
+# Results outlive a new forest: they are marked, and one click runs their sensors again.
+
+
+@pytest.mark.medium
+def test_results_stay_marked_until_they_are_run_again(built, tmp_path):
+    run("cloud")
+    run("scan")
+    (points,) = [thing for thing in clouds() if thing.name == built.results["cloud"].shown]
+    count = len(points.data.vertices)
+    built.seed += 1
+    press("build")
+    assert {r.name: r.stale for r in built.results} == {
+        "forest": False,
+        "cloud": True,
+        "scan": True,
+    }
+    assert len(points.data.vertices) == count  # what was found is still shown
+    press("export_result", result="cloud", filepath=str(tmp_path / "before.ply"))  # and exported
+    run("cloud")
+    assert [r.name for r in built.results if r.stale] == ["scan"]
+    assert [t.name for t in chosen_things(bpy.context.scene, "", again=True)] == ["scan"]
+    assert press("run", again=True) == {"FINISHED"}
+    assert not any(r.stale for r in built.results)
+    assert set(built.results.keys()) == {"forest", "cloud", "scan"}  # the others were not run
+    with pytest.raises(RuntimeError, match="no result is from before"):
+        press("run", again=True)
+
+
+@pytest.mark.slow
+def test_a_click_in_the_gallery_grows_and_clears_nothing(props):
+    bpy.ops.mesh.primitive_cube_add()
+    mine = bpy.context.object
+    press("add_sensor", kind="terrestrial")
+    tripod = bpy.context.view_layer.objects.active
+    assert press("start", preset="hedge-bat", grow=True) == {"FINISHED"}
+    assert props.results["forest"].figures["Trees"].value
+    assert mine.name in bpy.context.scene.objects
+    assert tripod in sensors_of(bpy.context.scene)
+    assert len(sensors_of(bpy.context.scene)) > 1
+
+
+# ------------------------------------------------------------------------------------------- gallery
+# The gallery: every card has a scene, a small picture and a sentence, and draws them.
+
+LARGEST = 15_000  # bytes of a picture
+
+
+@pytest.mark.parametrize("card", GALLERY, ids=lambda card: card.preset)
+def test_a_card_has_a_scene_a_small_picture_and_a_sentence(card):
+    assert (SCENES / f"{card.preset}.toml").is_file()
+    picture = (PREVIEWS / f"{card.preset}.jpg").read_bytes()
+    assert picture[:2] == b"\xff\xd8"
+    assert len(picture) <= LARGEST
+    assert words_of(card.preset) == card.words
+
+
+@pytest.mark.parametrize("operator", ["forest.start", "forest.new"])
+def test_the_gallery_shows_them_all(registered, operator):
+    seen = []
+    draw_gallery(Layout(seen), operator)
+    assert {card.title for card in GALLERY} <= set(seen)
+
+
+def test_an_entry_says_what_it_is_for(props):
+    from forest_addon.ui.forest.start import FOREST_OT_start
+
+    given = type("Given", (), {"preset": "hedge-bat"})()
+    assert FOREST_OT_start.description(bpy.context, given) == words_of("hedge-bat")
+
+
+@pytest.mark.parametrize(
+    ("preset", "plantings"), [("maple-walk", 1), ("conifer-drone", 1), ("hedge-bat", 2)]
+)
+def test_a_scene_of_the_gallery_is_taken(props, preset, plantings):
+    assert bpy.ops.forest.start(preset=preset) == {"FINISHED"}
+    assert len(props.plantings) == plantings
+
+
+@pytest.mark.parametrize("operator", ["forest.start", "forest.new"])
+def test_the_menu_has_names_and_every_preset_once(registered, operator):
+    """A name of a paper's scene says what stands there before it says whose it is."""
+    seen, direct = [], []
+    draw_presets(Layout(seen), operator)
+    layout = Layout(direct)
+    layout.menu = lambda *_, **__: None
+    draw_presets(layout, operator)
+    assert len(direct) <= 10
+    others = {title for file, title in presets() if file not in {card.preset for card in GALLERY}}
+    assert others <= set(seen)
+    assert len(seen) == len(set(seen))
+    for title in others:
+        assert not title.startswith(("T20", "Fig", "Table")), title
+        assert title[0].isupper()
+        assert "-" not in title
+
+
+# ------------------------------------------------------------------------------------------ new file
+# File > New > Forest: start scenes in a file of their own.
+
+
+def in_picture(scene, corners):
+    """Where places are in the camera's picture, 0 to 1."""
+    bpy.context.view_layer.update()
+    for corner in corners:
+        seen = world_to_camera_view(scene, scene.camera, Vector(corner))
+        assert seen.z > 0
+        yield seen.xy
+
+
+def ground_of(scene):
+    """The corners of the field."""
+    (x, y), (wide, deep) = scene.forest_sensing.forest.origin, scene.forest_sensing.forest.size
+    return [(x, y, 0), (x + wide, y, 0), (x, y + deep, 0), (x + wide, y + deep, 0)]
+
+
+def crowns_of(scene):
+    """The corners of the boxes about its trees."""
+    trees = [thing for thing in scene.objects if TREE_KEY in thing]
+    return [tree.matrix_world @ Vector(corner) for tree in trees for corner in tree.bound_box]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("preset", "trees"), [("tanveer-one-tree", 1), ("paper-100k", 0)])
+def test_a_start_scene_stands_built_and_lit(props, preset, trees):
+    bpy.data.meshes.new("of the old file").use_fake_user = True
+    assert bpy.ops.forest.new(preset=preset) == {"FINISHED"}
+    scene = bpy.context.scene
+    assert "of the old file" not in bpy.data.meshes
+    assert sum(TREE_KEY in thing for thing in scene.objects) == trees
+    assert "forest" in scene.forest_sensing.results
+    assert scene.forest_sensing.name == read_settings(SCENES / f"{preset}.toml", Scene).name
+    assert scene.world is not None
+    assert [thing.data.type for thing in scene.objects if thing.type == "LIGHT"] == ["SUN"]
+    assert scene.view_settings.exposure > 0.5  # the evening's sun is weak
+    for place in in_picture(scene, crowns_of(scene) if trees else ground_of(scene)):
+        assert min(place) >= -0.15  # boxes are larger than crowns
+        assert max(place) <= 1.15
+    assert (scene.camera.location.z < 5) == bool(trees)  # among trees at the height of eyes
+    sensors = {sensor.name for sensor in read_settings(SCENES / f"{preset}.toml", Scene).sensors}
+    assert sensors <= {thing.name for thing in scene.objects}
+
+
+@pytest.mark.slow
+def test_the_lawn_is_for_pictures_alone(props):
+    """Views do not show it, so that View All frames the forest; and no sensor meets it."""
+    bpy.ops.forest.new(preset="tanveer-one-tree")
+    lawn = bpy.context.scene.objects[LAWN]
+    assert (lawn.hide_viewport, lawn.hide_render) == (True, False)
+    seen = {thing for thing in bpy.context.scene.objects if thing.visible_get()}
+    assert max(max(thing.dimensions) for thing in seen) < 60
+    assert LAWN not in read_scene(bpy.context.evaluated_depsgraph_get()).object_name
+
+
+def test_the_empty_one_has_light_a_camera_and_nothing_else(props):
+    assert bpy.ops.forest.new(preset="") == {"FINISHED"}
+    assert {thing.type for thing in bpy.context.scene.objects} == {"LIGHT", "CAMERA"}
+
+
+def test_a_preset_that_is_not_there_is_reported(props):
+    with pytest.raises(RuntimeError, match=r"There is no scene .baobab."):
+        bpy.ops.forest.new(preset="baobab")
+
+
+def test_the_menu_is_there_and_offers_what_add_offers(registered):
+    drawn = bpy.types.TOPBAR_MT_file_new._dyn_ui_initialize()
+    assert start.draw_in_new in drawn
+    offered = []
+
+    class Layout:
+        def operator(self, name, **_):
+            assert name in ("forest.new", "forest.gallery")
+            offered.append(SimpleNamespace())
+            return offered[-1]
+
+        def separator(self):
+            pass
+
+        def menu(self, name, **_):
+            kind = getattr(bpy.types, name)
+            kind.draw(canvas(kind, self), None)
+
+    menu = type("Menu", (), {"layout": Layout()})
+    start.FOREST_MT_new.draw(menu, None)
+    presets_offered = [entry.preset for entry in offered if hasattr(entry, "preset")]
+    assert sorted(presets_offered) == sorted(["", *(file for file, _ in presets())])
+
+
+@pytest.fixture
+def furnished(registered, monkeypatch):
+    """The presets of new files that are furnished, in a Blender that has a window."""
+    presets = []
+    monkeypatch.setattr(start, "_furnish_soon", presets.append)
+    return presets
+
+
+def test_the_new_file_that_was_asked_for_is_furnished_and_no_other(furnished, monkeypatch):
+    monkeypatch.setattr(start, "_awaited", "demo")
+    bpy.ops.wm.read_homefile(app_template="")
+    assert furnished == ["demo"]
+    bpy.ops.wm.read_homefile(app_template="")
+    assert furnished == ["demo"]
+
+
+def test_another_file_is_left_as_it_is(furnished, monkeypatch, tmp_path):
+    file = str(tmp_path / "other.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    monkeypatch.setattr(start, "_awaited", "demo")
+    bpy.ops.wm.open_mainfile(filepath=file)
+    bpy.ops.wm.read_homefile(app_template="")
+    assert furnished == []
+
+
+def test_who_chooses_anew_is_not_given_what_was_given_up(furnished, monkeypatch):
+    monkeypatch.setattr(start, "_awaited", "demo")
+    layout = type("Layout", (), {"separator": lambda _: None, "menu": lambda *_, **__: None})()
+    start.draw_in_new(type("Menu", (), {"layout": layout}), None)
+    bpy.ops.wm.read_homefile(app_template="")
+    assert furnished == []
+
+
+def test_add_forest_keeps_the_sensors_that_are_there(small):
+    """Add > Forest adds; only who chooses to replaces."""
+    before = sensors_of(bpy.context.scene)
+    assert bpy.ops.forest.start(preset="demo") == {"FINISHED"}
+    bpy.context.view_layer.update()
+    after = sensors_of(bpy.context.scene)
+    assert set(before) < set(after)
+    bpy.ops.forest.start(preset="demo")  # those of the preset are there by now
+    assert set(sensors_of(bpy.context.scene)) == set(after)
+    bpy.ops.forest.start(preset="demo", sensors="REPLACE")
+    assert len(sensors_of(bpy.context.scene)) == len(after) - len(before)
+
+
+def test_an_opened_scene_file_says_that_sensors_went_or_keeps_them(small, capfd):
+    before, demo = set(sensors_of(bpy.context.scene)), str(SCENES / "demo.toml")
+    assert bpy.ops.forest.load_scene(filepath=demo, keep_sensors=True) == {"FINISHED"}
+    assert before < set(sensors_of(bpy.context.scene))
+    count = len(sensors_of(bpy.context.scene))
+    assert bpy.ops.forest.load_scene(filepath=demo) == {"FINISHED"}
+    assert f"took the place of {count}; undo brings those back" in capfd.readouterr().out

@@ -1,5 +1,6 @@
 """Trees that are moved, locked, swapped or removed by hand stay so when the forest is grown again."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,11 +8,20 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ui.pressing import press, trees
+from mathutils import Vector
+from ui.pressing import ROOT, press, trees
 
+from forest_addon import spec
+from forest_addon.base.trimesh import LEAF
+from forest_addon.blender.read.depsgraph import read_scene
+from forest_addon.blender.scene.instances import TREE_KEY, stood_trees
 from forest_addon.blender.scene.layout import VARIANTS, part
+from forest_addon.blender.scene.meshes import from_mesh
+from forest_addon.blender.show.intensity import CELLS, LIFT
 from forest_addon.site import ForestSite
-from forest_addon.ui.forest import planting
+from forest_addon.ui.forest import planting, tree
+from forest_addon.ui.forest.hand import Hand, swap_tree, take_away
+from forest_addon.ui.forest.planting import FOREST_OT_plant, ground_below
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell.views import region_below
 
@@ -211,3 +221,405 @@ def test_the_view_below_the_mouse_is_taken_and_of_four_the_right_one():
     assert (
         region_below(SimpleNamespace(screen=SimpleNamespace(areas=[outliner])), 5, 5) == (None,) * 2
     )
+
+
+# ------------------------------------------------------------------------------------------ planting
+# The hand that plants: what a stroke sets, clears and takes back, in trees that are objects or points.
+
+
+def planting_places():
+    return np.array(sorted(tree.place for tree in stood_trees(bpy.context.scene))).reshape(-1, 2)
+
+
+@pytest.fixture(params=["objects", "points"])
+def hand(small, request):
+    small.forest.instancing = request.param
+    small.plantings[0].expected, small.plantings[0].exact = 5, True
+    small.plantings[0].variants = 2
+    assert press("build") == {"FINISHED"}
+    one = Hand(bpy.context.scene, np.random.default_rng(5))
+    one.look()
+    return one
+
+
+@pytest.mark.medium
+def test_a_click_sets_a_tree_exactly_there(hand, small):
+    before = planting_places()
+    hand.begin()
+    hand.plant(small.plantings[0], (4.5, -3.25))
+    press("build")
+    assert len(planting_places()) == len(before) + 1
+    assert (4.5, -3.25) in map(tuple, planting_places().tolist())
+
+
+@pytest.mark.medium
+def test_a_drag_fills_the_disc_up_to_its_density_and_no_further(hand, small):
+    planting, before = small.plantings[0], len(hand.trees)
+    middle, radius, density = (40.0, 40.0), 5.0, 0.25
+    assert hand.scatter(planting, middle, radius, density) == round(density * np.pi * 25)
+    assert hand.scatter(planting, middle, radius, density) == 0
+    press("build")
+    there = planting_places()
+    within = np.hypot(*(there - middle).T) <= radius + 1e-4
+    assert within.sum() == len(there) - before == 20
+    apart = np.linalg.norm(there[within][:, None] - there[within][None], axis=2)
+    assert apart[~np.eye(20, dtype=bool)].min() > 0.6 / np.sqrt(density) - 1e-4
+
+
+@pytest.mark.slow
+def test_a_cleared_disc_stays_free_and_can_be_taken_back(hand, small):
+    first = planting_places()
+    hand.begin()
+    hand.plant(small.plantings[0], (3.0, 3.0))
+    hand.begin()
+    assert hand.erase((3.0, 3.0), 100.0) == len(first) + 1
+    small.seed += 1
+    press("build")
+    assert len(planting_places()) == 0
+    small.seed -= 1
+    assert hand.take_back()
+    assert hand.take_back()
+    assert not hand.take_back()
+    press("build")
+    assert planting_places() == pytest.approx(first)
+
+
+@pytest.mark.medium
+def test_one_tree_is_moved_changed_and_removed(hand, small):
+    tree = hand.nearest(tuple(planting_places()[0]), 0.1)
+    hand.change(tree, place=(-5.0, 12.0))
+    press("build")
+    assert (-5.0, 12.0) in map(tuple, planting_places().tolist())
+    hand.look()
+    tree = hand.nearest((-5.0, 12.0), 0.1)
+    hand.change(tree, swap_tree)
+    press("build")
+    hand.look()
+    now = hand.nearest((-5.0, 12.0), 0.1)
+    assert now.variant == (tree.variant + 1) % 2
+    assert (now.rotation, now.scale) == pytest.approx((tree.rotation, tree.scale), abs=1e-4)
+    count = len(hand.trees)
+    hand.change(now, take_away)
+    press("build")
+    assert len(planting_places()) == count - 1
+    assert len(small.plantings[0].by_hand) == 0
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("event", "passes"),
+    [({"type": "MOUSEMOVE"}, "PASS_THROUGH"), ({"type": "RIGHT_BRACKET"}, "RUNNING_MODAL")],
+)
+def test_the_brush_follows_the_mouse_and_its_keys(hand, event, passes):
+    drawn = []
+    area = SimpleNamespace(tag_redraw=lambda: drawn.append(1))
+    brush = SimpleNamespace(
+        over=False, stroke="", hand=hand, area=area, _below=lambda *_: Vector((1, 2, 0))
+    )
+    brush._key = partial(FOREST_OT_plant._key, brush)
+    given = {"value": "PRESS", "ctrl": False, "oskey": False, "alt": False} | event
+    assert FOREST_OT_plant.heed(brush, bpy.context, SimpleNamespace(**given)) == {passes}
+    assert drawn
+
+
+def test_what_the_brush_has_seen_is_looked_at_again_after_undo(registered, monkeypatch):
+    """Undo makes objects anew: to move one that is gone would end Blender."""
+    looked = []
+    seen = SimpleNamespace(scene=None, look=lambda: looked.append(1))
+    brush = SimpleNamespace(hand=seen, moved="a tree")
+    monkeypatch.setattr(planting, "_working", brush)
+    for name, heard in planting.WINDOW_HANDLERS:
+        if name in ("undo_post", "redo_post"):
+            heard(bpy.context.scene)
+    assert len(looked) == 2
+    assert (brush.moved, seen.scene) == (None, bpy.context.scene)
+
+
+def test_a_brush_that_fails_is_put_away(registered):
+    ended = []
+    brush = SimpleNamespace(heed=lambda *_: 1 / 0, _end=ended.append)
+    with pytest.raises(ZeroDivisionError):
+        FOREST_OT_plant.modal(brush, bpy.context, SimpleNamespace())
+    assert ended == [bpy.context]
+
+
+@pytest.mark.medium
+def test_the_ground_is_found_below_the_mouse(hand):
+    place = ground_below(bpy.context, Vector((1, 2, 9)), Vector((0, 0, -1)))
+    assert tuple(place) == pytest.approx((1, 2, 0), abs=1e-5)
+    far = ground_below(bpy.context, Vector((900, 2, 9)), Vector((0, 0.6, -0.8)))
+    assert far.z == pytest.approx(0, abs=1e-5)
+    assert ground_below(bpy.context, Vector((900, 2, 9)), Vector((0, 0, 1))) is None
+
+
+# ------------------------------------------------------------------------------------------ painting
+# The paint button: a canvas over the field, a layer for each planting, and what is painted is planted.
+
+
+def painting_press():
+    return bpy.ops.forest.paint()
+
+
+def canvas():
+    return bpy.data.objects["Canvas"]
+
+
+def vertices():
+    """(V, 3) of the canvas in the world."""
+    bpy.context.view_layer.update()
+    thing = canvas()
+    local = np.array([vertex.co for vertex in thing.data.vertices])
+    return local @ np.array(thing.matrix_world)[:3, :3].T + np.array(thing.matrix_world)[:3, 3]
+
+
+def weigh(layer, inside):
+    """Paint 1 where ``inside`` of the places says so."""
+    chosen = np.flatnonzero(inside(vertices()[:, 0], vertices()[:, 1])).tolist()
+    canvas().vertex_groups[layer].add(chosen, 1.0, "REPLACE")
+
+
+@pytest.fixture
+def painting(small):
+    small.forest.origin = (-2, 1)
+    small.forest.size = (20, 10)
+    yield small
+    if bpy.context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_the_button_gives_the_brush_and_takes_it_back(painting):
+    assert painting_press() == {"FINISHED"}
+    assert bpy.context.mode == "PAINT_WEIGHT"
+    assert bpy.context.view_layer.objects.active == canvas()
+    assert canvas().vertex_groups.active.name == "hazelnut"
+    assert painting.plantings[0].painted == "Canvas:hazelnut"
+    assert canvas().show_in_front
+    assert painting_press() == {"FINISHED"}
+    assert bpy.context.mode == "OBJECT"
+    assert (canvas().show_in_front, canvas().display_type) == (False, "BOUNDS")
+
+
+def test_the_canvas_is_put_away_however_the_mode_is_left(painting):
+    painting_press()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    assert (canvas().show_in_front, canvas().display_type) == (False, "BOUNDS")
+
+
+def test_the_canvas_covers_the_field_at_its_height(painting):
+    painting.forest.terrain.base = 3.0
+    painting_press()
+    places = vertices()
+    assert len(places) == (CELLS + 1) ** 2
+    assert places.min(axis=0) == pytest.approx((-2, 1, 3 + LIFT))
+    assert places.max(axis=0) == pytest.approx((18, 11, 3 + LIFT))
+
+
+def test_the_canvas_lies_on_a_terrain_and_beyond_it_at_its_base(painting):
+    data = bpy.data.meshes.new("slope")
+    data.from_pydata([(-9, -9, 0), (8, -9, 8.5), (8, 20, 8.5), (-9, 20, 0)], [], [(0, 1, 2, 3)])
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("slope", data))
+    painting.forest.terrain.object = "slope"
+    painting_press()
+    x, _, z = vertices().T
+    on = x < 7.9
+    assert z[on] == pytest.approx((x[on] + 9) / 2 + LIFT, abs=1e-5)
+    assert z[x > 8.1] == pytest.approx(LIFT)
+
+
+@pytest.mark.slow
+def test_what_is_painted_is_planted_there_and_nowhere_else(painting):
+    painting.plantings[0].expected = 40
+    painting_press()
+    weigh("hazelnut", lambda x, _: x > 10)
+    painting_press()
+    assert bpy.ops.forest.build() == {"FINISHED"}
+    x = [thing.location.x for thing in bpy.data.objects if TREE_KEY in thing]
+    assert len(x) > 10
+    assert min(x) > 10 - 20 / CELLS
+
+
+def test_neither_sensors_nor_renders_see_the_canvas(painting):
+    painting_press()
+    painting_press()
+    bpy.context.view_layer.update()
+    seen = read_scene(bpy.context.evaluated_depsgraph_get())
+    assert "Canvas" not in seen.object_name
+    assert canvas().hide_render
+
+
+def test_pressed_again_the_same_canvas_follows_the_field(painting):
+    painting_press()
+    weigh("hazelnut", lambda x, _: x > 10)
+    painting_press()
+    painting.forest.size = (4, 4)
+    painting_press()
+    assert [t.name for t in bpy.data.objects if t.name.startswith("Canvas")] == ["Canvas"]
+    assert len(canvas().vertex_groups) == 1
+    assert vertices().max(axis=0)[:2] == pytest.approx((2, 5))
+    weights = [bool(vertex.groups) for vertex in canvas().data.vertices]
+    assert 0 < sum(weights) < len(weights)
+
+
+def test_each_planting_has_a_layer_of_its_own(painting):
+    painting_press()
+    painting_press()
+    for species in ("maple", "hazelnut"):
+        painting.plantings.add().species = species
+        painting.active_plantings += 1
+        painting_press()
+        painting_press()
+    assert [p.painted for p in painting.plantings] == [
+        "Canvas:hazelnut",
+        "Canvas:maple",
+        "Canvas:hazelnut 2",
+    ]
+
+
+@pytest.mark.slow
+def test_the_canvas_survives_a_build_and_undo(painting):
+    painting_press()
+    weigh("hazelnut", lambda x, _: x > 10)
+    painting_press()
+    bpy.ops.ed.undo_push(message="painted")
+    bpy.ops.forest.build()
+    bpy.ops.ed.undo_push(message="built")
+    assert [home.name for home in canvas().users_collection] == ["Intensity"]
+    bpy.ops.ed.undo()
+    assert sum(bool(vertex.groups) for vertex in canvas().data.vertices) > 0
+
+
+def test_a_scene_file_with_a_painting_says_that_it_needs_blender(painting, tmp_path):
+    painting_press()
+    painting_press()
+    settings = exchange.to_spec(bpy.context.scene, [])
+    assert settings.plantings[0].painted == "Canvas:hazelnut"
+    assert isinstance(settings, spec.Scene)
+
+
+def test_it_says_why_it_cannot_paint(painting):
+    painting.forest.terrain.object = "nowhere"
+    with pytest.raises(RuntimeError, match='no object "nowhere"'):
+        painting_press()
+    assert bpy.context.mode == "OBJECT"
+    painting.plantings.clear()
+    with pytest.raises(RuntimeError, match="no planting yet"):
+        painting_press()
+
+
+def test_an_object_of_the_next_file_that_has_the_name_of_the_canvas_is_left_alone(painting):
+    painting_press()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    mine = bpy.data.objects.new("Canvas", bpy.data.meshes.new("Canvas"))
+    bpy.context.scene.collection.objects.link(mine)
+    bpy.context.view_layer.update()
+    assert mine.display_type == "TEXTURED"
+
+
+# ---------------------------------------------------------------------------------------------- tree
+# Add > Mesh > L-system Tree, as its operator runs.
+
+
+def add(**settings):
+    assert bpy.ops.forest.add_tree(**settings) == {"FINISHED"}
+    return from_mesh(bpy.context.active_object.data)
+
+
+def test_a_tree_stands_at_the_cursor(props):
+    bpy.context.scene.cursor.location = (1, 2, 3)
+    add(species="hazelnut")
+    thing = bpy.context.active_object
+    assert tuple(thing.location) == (1, 2, 3)
+    assert thing.select_get()
+    assert [slot.name for slot in thing.data.materials] == ["hazelnut bark", "hazelnut leaf"]
+
+
+@pytest.mark.medium
+def test_leaves_off_moves_no_branch(props):
+    leafy, bare = add(species="maple", seed=4), add(species="maple", seed=4, leaves=False)
+    assert np.any(leafy.part == LEAF)
+    assert not np.any(bare.part == LEAF)
+    wood = leafy.select(leafy.part != LEAF)
+    np.testing.assert_array_equal(bare.vertices[bare.triangles], wood.vertices[wood.triangles])
+
+
+def test_seed_and_generations_change_the_tree(props):
+    small = add(species="ginkgo", generations=4)
+    assert len(add(species="ginkgo", generations=5).triangles) > len(small.triangles)
+    other = add(species="ginkgo", generations=4, seed=2)
+    assert not np.array_equal(other.vertices, small.vertices)
+
+
+@pytest.mark.slow
+def test_every_preset_is_offered_and_any_kind_can_be_added(props):
+    presets = {path.stem for path in (ROOT / "assets" / "species").glob("*.toml")}
+    assert presets <= {item[0] for item in tree.species_items()}
+    for species in (
+        "whorl-8",
+        "abop-monopodial-a",
+        "honda-willow",
+        "scots-pine",
+        "apple-stochastic",
+    ):
+        assert len(add(species=species).triangles)
+
+
+def test_it_starts_with_a_leafy_one_and_offers_the_users_too(small):
+    bpy.ops.forest.edit_species()
+    offered = [item[0] for item in tree.species_items()]
+    assert offered[0] == tree.LEAFY
+    assert small.plantings[0].species in offered
+    assert np.any(add().part == LEAF)
+    assert len(add(species=small.plantings[0].species).triangles)
+
+
+@pytest.mark.medium
+def test_a_tree_is_grown_again_from_the_settings_that_it_keeps(props):
+    grown = add(species="ginkgo", generations=4, seed=3)
+    thing = bpy.context.active_object
+    kept = thing.data.forest_grown
+    assert (kept.species, kept.seed, kept.generations, kept.leaves) == ("ginkgo", 3, 4, True)
+    mine = bpy.data.materials.new("mine")
+    thing.data.materials[0] = mine
+    thing.modifiers.new("mine", "DISPLACE")
+    other = bpy.data.objects.new("other", thing.data)
+    bpy.context.scene.collection.objects.link(other)
+    meshes, thing.data["plot"] = len(bpy.data.meshes), "B7"
+    assert bpy.ops.forest.grow_again() == {"FINISHED"}
+    np.testing.assert_array_equal(from_mesh(thing.data).vertices, grown.vertices)
+    assert bpy.ops.forest.grow_again(new_seed=True) == {"FINISHED"}
+    assert (thing.data.forest_grown.seed, thing.data["plot"]) == (4, "B7")
+    assert not np.array_equal(from_mesh(thing.data).vertices, grown.vertices)
+    assert thing.data.materials[0] == mine
+    assert (other.data, len(thing.modifiers), len(bpy.data.meshes)) == (thing.data, 1, meshes)
+    thing.data.forest_grown.species = "hazelnut"
+    thing.data.forest_grown.generations = 0
+    assert bpy.ops.forest.grow_again() == {"FINISHED"}
+    assert thing.data.materials[0].name == "hazelnut bark"
+
+
+def test_a_tree_of_another_file_is_left_to_that(props, tmp_path):
+    add(species="hazelnut")
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {bpy.context.active_object})
+    with bpy.data.libraries.load(path, link=True) as (source, target):
+        target.objects = source.objects
+    bpy.context.scene.collection.objects.link(target.objects[0])
+    bpy.context.view_layer.objects.active = target.objects[0]
+    with pytest.raises(RuntimeError, match="another file"):
+        bpy.ops.forest.grow_again()
+
+
+def test_a_tree_that_was_saved_is_grown_again(props, tmp_path):
+    grown = add(species="ginkgo", generations=4, seed=3)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "tree.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "tree.blend"))
+    assert bpy.ops.forest.grow_again() == {"FINISHED"}
+    again = from_mesh(bpy.context.object.data)
+    np.testing.assert_array_equal(again.vertices, grown.vertices)
+
+
+def test_another_mesh_is_not_grown(props):
+    bpy.ops.mesh.primitive_cube_add()
+    with pytest.raises(RuntimeError, match="no tree of Add"):
+        bpy.ops.forest.grow_again()

@@ -8,18 +8,29 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.scene.layout import RADIUS
-from forest_addon.blender.scene.nodes import has_input
+from references.animation import curves_of
+from ui.pressing import (
+    LIDARS,
+    add_cube,
+    clouds,
+    facts,
+    press,
+    run,
+    settings_of,
+)
+
+from forest_addon.blender.scene.layout import CLOUD_KEY, RADIUS
+from forest_addon.blender.scene.nodes import has_input, set_input
 from forest_addon.blender.show.cloud_nodes import GROUP
 from forest_addon.formats.wav import read_wav
 from forest_addon.results.dry_sounds import PEAK_DB, dry_sound
 from forest_addon.results.kinds import RESULTS
-from forest_addon.results.points import POINT
+from forest_addon.results.points import ENDINGS, POINT, can_write
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.response import channels_of
 from forest_addon.ui.results import finding, panel
-
-from ..pressing import add_cube, press, run
+from forest_addon.ui.results.keep import follow_names, points_of
+from forest_addon.ui.results.panel import endings_of, heard_of
 
 
 def test_every_format_of_a_result_has_its_words():
@@ -186,3 +197,325 @@ def test_species_have_their_names_and_class_stays_as_it_was(built, tmp_path):
     las = laspy.read(tmp_path / "b.laz")
     assert set(np.asarray(las.classification).tolist()) <= {1, 2, 5}
     assert not [vlr for vlr in las.vlrs if vlr.record_id == 0 and vlr.user_id == "LASF_Spec"]
+
+
+# -------------------------------------------------------------------------------------------- frames
+# Frame ranges that are kept in the file: the timeline shows each frame's points.
+
+
+@pytest.fixture
+def moving(props, sensor):
+    """A scanner, and a cube that goes 1 m along X in every frame."""
+    cube = add_cube()
+    for frame in (1, 3):
+        cube.location.x = frame
+        cube.keyframe_insert("location", frame=frame)
+    for curve in curves_of(cube):
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
+    sensor("terrestrial", name="cloud", position=(2, -5, 0.5), angle_step_deg=2)
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 3
+    scene.frame_set(1)
+    return props
+
+
+def cloud():
+    return next(thing for thing in bpy.data.objects if CLOUD_KEY in thing)
+
+
+def middle():
+    """Of the points along X."""
+    data = cloud().data
+    place = np.empty(3 * len(data.vertices), np.float32)
+    data.attributes["position"].data.foreach_get("vector", place)
+    return float(np.median(place[::3]))
+
+
+@pytest.mark.medium
+def test_each_frame_shows_its_points(moving):
+    assert run("cloud", frames="RANGE", keep=True) == {"FINISHED"}
+    assert [each.frame for each in moving.results["cloud"].frames] == [1, 2, 3]
+    found = {}
+    for frame in (3, 1, 2, 1, 9, 0):
+        bpy.context.scene.frame_set(frame)
+        found[frame] = middle()
+    assert [found[frame] - found[1] for frame in (2, 3)] == pytest.approx([1, 2], abs=0.35)
+    assert (found[9], found[0]) == (found[3], found[1])
+    assert len([thing for thing in bpy.data.objects if CLOUD_KEY in thing]) == 1
+
+
+@pytest.mark.medium
+def test_what_was_done_to_the_points_stays_over_frames(moving):
+    run("cloud")
+    thing = cloud()
+    mine = bpy.data.materials.new("mine")
+    thing.data.materials[0] = mine
+    set_input(thing.modifiers[0], "Radius", 0.07)
+    run("cloud", frames="RANGE", keep=True)
+    for frame in (1, 2, 3):
+        bpy.context.scene.frame_set(frame)
+        assert cloud() == thing
+        assert list(thing.data.materials) == [mine]
+
+
+@pytest.mark.slow
+def test_the_last_run_alone_is_kept(moving):
+    run("cloud", frames="RANGE", keep=True)
+    bpy.context.scene.frame_start = 2
+    run("cloud", frames="RANGE", keep=True)
+    assert [each.frame for each in moving.results["cloud"].frames] == [2, 3]
+    assert len([mesh for mesh in bpy.data.meshes if "cube" not in mesh.name]) == 2
+    run("cloud")
+    assert not moving.results["cloud"].frames
+    assert len([mesh for mesh in bpy.data.meshes if "cube" not in mesh.name]) == 1
+    bpy.context.scene.frame_set(3)
+    here = middle()
+    bpy.context.scene.frame_set(1)
+    assert middle() == here  # one run of one frame stands still
+
+
+@pytest.mark.medium
+def test_removing_a_result_removes_its_frames(moving):
+    before = len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.images)
+    run("cloud", frames="RANGE", keep=True)
+    press("remove_result", result="cloud")
+    assert (len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.images)) == before
+
+
+@pytest.mark.medium
+def test_a_kept_frame_costs_little_beside_its_points(moving):
+    """The pixels of a picture, 3 MB, are in memory only while they are looked at."""
+    run("cloud", frames="RANGE", keep=True)
+    pictures = [each.picture for each in moving.results["cloud"].frames]
+    assert len(set(pictures)) == 3
+    assert not any(picture.has_data for picture in pictures)
+    assert all(picture.packed_file.size < 1e5 for picture in pictures)
+    pixels = np.array(pictures[0].pixels[:])
+    assert 0.01 < pixels.mean() < 0.99
+    assert len(pixels) == 4 * np.prod(pictures[0].size)
+
+
+# ----------------------------------------------------------------------------------------- one state
+# What is shown, told, drawn, played and exported is one state: undo, frames and reopening change it all.
+
+FINER = {
+    "cloud": {"angle_step_deg": 3},
+    "echo": {"max_range": 3},
+}
+CLOCKED = ("Time", "Checked", "Audit")
+
+
+def result_of(name):
+    return bpy.context.scene.forest_sensing.results[name]
+
+
+def state(name, folder):
+    """Everything that a user can have of a result."""
+    result = result_of(name)
+    assert {".npz", ".csv"} < set(endings_of(result))
+    files = []
+    for ending in (".npz", ".csv"):
+        path = folder / f"mine{ending}"
+        assert press("export_result", result=name, filepath=str(path)) == {"FINISHED"}
+        files.append(path.read_bytes())
+    thing, heard = points_of(result), heard_of(result)
+    speaker = bpy.data.objects[name]
+    return {
+        "shown": None if thing is None else places(thing.data).tobytes(),
+        "told": [(f.name, f.value) for f in result.figures if f.name not in CLOCKED],
+        "legend": [(e.name, e.choice, tuple(e.colour)) for e in result.legend] or None,
+        "drawn": result.picture.packed_file.data,
+        "exported": files,
+        "played": None if heard is None else (heard[0].tobytes(), heard[1]),
+        "speaker": speaker.data.sound.packed_file.data if speaker.type == "SPEAKER" else None,
+    }
+
+
+def places(data):
+    place = np.empty(3 * len(data.vertices), np.float32)
+    data.attributes["position"].data.foreach_get("vector", place)
+    return place
+
+
+def differing(one, other):
+    return [key for key in one if one[key] != other[key]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cloud", "echo"])
+def test_undo_redo_and_reopening_change_all_of_a_result(built, tmp_path, name):
+    run(name)
+    bpy.ops.ed.undo_push(message="first")
+    first = state(name, tmp_path)
+    for key, value in FINER[name].items():
+        setattr(settings_of(name), key, value)
+    run(name)
+    bpy.ops.ed.undo_push(message="second")
+    second = state(name, tmp_path)
+    told = [key for key in first if first[key] is not None and key != "legend"]
+    assert set(differing(first, second)) - {"legend"} == set(told)  # a legend may be the same
+    bpy.ops.ed.undo()
+    assert differing(state(name, tmp_path), first) == []
+    bpy.ops.ed.redo()
+    assert differing(state(name, tmp_path), second) == []
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
+    assert differing(state(name, tmp_path), second) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["scan", "echo", "reverb"])
+def test_each_kept_frame_exports_its_own(built, tmp_path, name):
+    """At each frame all of a result is what a run of that frame alone gives."""
+    add_cube().name = "wall"
+    wall = bpy.data.objects["wall"]
+    wall.scale = 2, 2, 2
+    for frame in (1, 2):
+        wall.location = (1 - 0.5 * frame, 2, 0)
+        wall.keyframe_insert("location", frame=frame)
+    if name == "reverb":
+        thing = bpy.data.objects[name]
+        for frame in (1, 2):
+            thing.location.x = frame
+            thing.keyframe_insert("location", frame=frame)
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 2
+    alone = {}
+    for frame in (1, 2):
+        scene.frame_set(frame)
+        run(name)
+        alone[frame] = state(name, tmp_path)
+    assert differing(alone[1], alone[2])
+    run(name, frames="RANGE", keep=True)
+    for frame in (1, 2, 1):
+        scene.frame_set(frame)
+        assert differing(state(name, tmp_path), alone[frame]) == []
+    bpy.ops.ed.undo_push(message="kept")
+    scene.frame_set(2)
+    bpy.ops.ed.undo_push(message="another frame")
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert differing(state(name, tmp_path), alone[scene.frame_current]) == []
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
+    for frame in (2, 1):
+        bpy.context.scene.frame_set(frame)
+        assert differing(state(name, tmp_path), alone[frame]) == []
+
+
+# ------------------------------------------------------------------------------------------ reopened
+# Clouds outlive the session: exported from a reopened file in every format; results follow their sensors.
+
+
+def reopened(tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
+    return bpy.context.scene.forest_sensing
+
+
+@pytest.mark.medium
+def test_every_format_is_offered_and_written(built, tmp_path):
+    run("cloud")
+    reopened(tmp_path)
+    for ending in ENDINGS:
+        if can_write(ending):
+            path = tmp_path / f"again{ending}"
+            for labels in ("CLASS", "SPECIES", "MATERIAL"):
+                press("export_result", result="cloud", filepath=str(path), labels=labels)
+            assert path.stat().st_size > 100
+
+
+@pytest.mark.medium
+def test_points_that_were_deleted_by_hand_are_not_written(built, tmp_path):
+    run("cloud")
+    props = reopened(tmp_path)
+    data = bpy.data.objects[props.results["cloud"].shown].data
+    count = len(data.vertices)
+    import bmesh
+
+    shape = bmesh.new()
+    shape.from_mesh(data)
+    bmesh.ops.delete(shape, geom=list(shape.verts)[:10], context="VERTS")
+    shape.to_mesh(data)
+    press("export_result", result="cloud", filepath=str(tmp_path / "less.ply"))
+    assert f"element vertex {count - 10}".encode() in (tmp_path / "less.ply").read_bytes()[:3000]
+
+
+@pytest.mark.medium
+def test_without_points_it_says_to_run_again(built, tmp_path):
+    run("cloud")
+    props = reopened(tmp_path)
+    bpy.data.objects.remove(bpy.data.objects[props.results["cloud"].shown])
+    with pytest.raises(RuntimeError, match="Run its sensor again"):
+        press("export_result", result="cloud", filepath=str(tmp_path / "no.laz"))
+
+
+@pytest.mark.medium
+def test_a_result_follows_its_sensor(built, tmp_path):
+    run("cloud")
+    thing, points = bpy.data.objects["cloud"], bpy.data.objects[built.results["cloud"].shown]
+    thing.name = "north tripod"
+    bpy.context.view_layer.update()
+    follow_names(bpy.context.scene)
+    result = built.results["north tripod"]
+    assert "cloud" not in built.results
+    assert (result.title, result.shown, points.name) == (
+        "north tripod",
+        *["north-tripod points"] * 2,
+    )
+    press("export_result", result="north tripod", filepath=str(tmp_path / "named.laz"))
+    count = len(bpy.data.objects)
+    run("north tripod")  # in place of what it found before
+    assert len(bpy.data.objects) == count
+    assert [r.name for r in built.results if r.kind == "terrestrial"] == ["north tripod"]
+
+
+# ---------------------------------------------------------------------------------------------- show
+# What the icons of a result do.
+
+
+@pytest.mark.medium
+def test_the_dice_and_the_sound(built):
+    seed = built.seed
+    assert press("new_seed") == {"FINISHED"}
+    assert built.seed != seed
+    with pytest.raises(RuntimeError, match="Run it again"):
+        press("play", sensor="reverb")
+    run("reverb")
+    sound = bpy.data.objects["reverb"].data.sound
+    assert sound.packed_file is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIDARS)
+def test_points_are_shown_and_selected_on_request(built, name):
+    cube = add_cube()
+    cube.select_set(True)
+    run(name)
+    (cloud,) = clouds()
+    assert cloud.visible_get()
+    assert bpy.context.selected_objects == [cube]
+    assert press("select_result", shown=cloud.name) == {"FINISHED"}
+    assert bpy.context.selected_objects == [cloud]
+    assert bpy.context.view_layer.objects.active == cloud
+    assert len(cloud.data.vertices) == int(facts(built, name)["Points"].replace(",", ""))
+    assert {"tree", "organ", "distance"} <= set(cloud.data.attributes.keys())
+
+
+@pytest.mark.medium
+def test_a_cloud_shows_even_where_its_collection_was_hidden(built):
+    layer = bpy.context.view_layer.layer_collection.children["Forest"]
+    for name in ("Results", "Sensors"):
+        made = bpy.data.collections.new(f"mine in {name}")
+        layer.children[name].collection.children.link(made)
+        layer.children[name].children[made.name].exclude = True
+    layer.children["Results"].exclude = True
+    run("cloud")
+    (cloud,) = clouds()
+    assert cloud.visible_get()
+    assert not layer.children["Results"].exclude
+    for name in ("Results", "Sensors"):
+        assert layer.children[name].children[f"mine in {name}"].exclude
+    assert press("select_result", shown=cloud.name) == {"FINISHED"}
+    assert cloud.select_get()

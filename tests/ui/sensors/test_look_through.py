@@ -7,14 +7,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ui.pressing import counts, press, trees
+
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.blender.show.cloud import glance_colours
 from forest_addon.sensing.lidar.glance import range_image
 from forest_addon.ui.sensors import look_through
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell.views import choose_sensor
-
-from ..pressing import counts, press, trees
 
 
 @pytest.fixture(autouse=True)

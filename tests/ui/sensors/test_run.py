@@ -1,5 +1,6 @@
 """Sensors added and run for real in a forest of three small trees; results in the panel and in files."""
 
+import math
 from functools import partial
 from types import SimpleNamespace
 
@@ -19,8 +20,18 @@ from ui.pressing import (
     settings_of,
 )
 
+from forest_addon import api as forest
+from forest_addon.blender.read.depsgraph import read_scene
+from forest_addon.blender.scene.instances import IGNORED_KEY
+from forest_addon.blender.sensors import objects as sensors
+from forest_addon.blender.sensors.objects import sensors_of
+from forest_addon.formats.toml_file import read_scanner, scanner_names
+from forest_addon.ui import properties
+from forest_addon.ui.sensors import panels
+from forest_addon.ui.sensors.add import STARTS
 from forest_addon.ui.sensors.run import FOREST_OT_run, FOREST_OT_run_frames
 from forest_addon.ui.settings import exchange
+from forest_addon.ui.settings.exchange import from_spec, to_spec
 
 
 @pytest.mark.medium
@@ -34,23 +45,6 @@ def test_points_of_both_lidars_lie_on_the_same_things(built):
         cloud.data.attributes["position"].data.foreach_get("vector", place.ravel())
         assert np.abs(place[ground == 3, 2]).max(initial=0) < 1e-5
         assert place[ground != 3, 2].min() > -0.05
-
-
-def test_a_scene_with_nothing_in_it_says_build_first(props, sensor):
-    sensor("sonar")
-    with pytest.raises(RuntimeError, match="Grow a forest first"):
-        press("run")
-
-
-def test_a_scene_without_sensors_says_add_one(props):
-    add_cube()
-    with pytest.raises(RuntimeError, match="no sensor yet"):
-        press("run")
-
-
-def test_a_sensor_that_is_gone_is_named(built):
-    with pytest.raises(RuntimeError, match="ear is no sensor"):
-        run("ear")
 
 
 @pytest.mark.medium
@@ -158,16 +152,6 @@ def test_a_sensor_follows_the_frames(built, tmp_path):
     assert len({record.tobytes() for record in records}) == 3
 
 
-def test_sensors_are_added_chosen_and_removed(built):
-    for kind in SENSORS.values():
-        assert press("add_sensor", kind=kind) == {"FINISHED"}
-    assert bpy.context.view_layer.objects.active.name == "Reverb"
-    before = counts()["objects"]
-    assert press("remove_sensor") == {"FINISHED"}
-    assert counts()["objects"] == before - 2  # the receiver goes too
-    assert "Reverb" not in bpy.data.objects
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "file"),
@@ -211,21 +195,6 @@ def test_a_folder_beside_an_unsaved_file_is_refused(built):
         run("echo")
 
 
-@pytest.mark.medium
-def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch):
-    from forest_addon.formats import las
-
-    def full(*_, **__):
-        raise OSError(28, "No space left on device", "cloud.laz")
-
-    monkeypatch.setattr(las, "write_las", full)
-    built.output = str(tmp_path)
-    assert run("cloud") == {"FINISHED"}
-    assert len(clouds()) == 1
-    assert list(tmp_path.iterdir()) == []
-    assert built.results["cloud"].file == ""
-
-
 def test_a_scanner_without_a_way_is_told_so(built, sensor):
     track = sensor("mobile").forest_sensor.mobile
     with pytest.raises(RuntimeError, match="give poses, or the object to follow"):
@@ -233,29 +202,6 @@ def test_a_scanner_without_a_way_is_told_so(built, sensor):
     track.follow = "Nothing"
     with pytest.raises(RuntimeError, match='no object "Nothing"'):
         run("track")
-
-
-@pytest.mark.medium
-def test_a_scanner_flies_over_the_forest(built, sensor):
-    settings = {"position": (3, -2, 30), "track": 10, "speed": 10}
-    sensor("airborne", pulse_rate=2000, line_rate=20, **settings)
-    assert run("flight") == {"FINISHED"}
-    figures = facts(built, "flight")
-    assert figures["Beams"] == "2,000"
-    assert int(figures["Points"].replace(",", "")) > 100
-
-
-def test_choosing_a_scanner_fills_in_its_figures(built):
-    settings = settings_of("cloud")
-    settings.max_range = 77
-    settings.scanner = "riegl-vz"  # not complete yet
-    assert settings.max_range == 77
-    settings.scanner = "riegl-vz-400i"
-    found = exchange.sensor_of(bpy.data.objects["cloud"])
-    assert (found.max_range, found.min_range, found.beam.exit_diameter) == (800, 1.5, 0.007)
-    assert (found.name, found.position) == ("cloud", (3, 3, 1))
-    settings.beam.subrays = 3
-    assert exchange.sensor_of(bpy.data.objects["cloud"]).beam.subrays == 3
 
 
 # -------------------------------------------------------------------------- frame ranges, instances
@@ -352,3 +298,232 @@ def test_what_a_sensor_does_not_heed_cannot_be_done_by_hand(props, sensor, kind)
         assert heeded or thing.lock_rotation[axis] or kind == "reverb"
         thing.rotation_euler[axis] = was
     assert all(thing.lock_scale)
+
+
+# -------------------------------------------------------------------------------------------- flight
+# Add > Forest > Flight, and Fly: a flyer with sensors, keyed along its way, a trail in colours.
+
+
+def wall(x, size=0.5):
+    bpy.ops.mesh.primitive_cube_add(size=size, location=(x, 0.0, 2.0))
+    return bpy.context.object
+
+
+def trail():
+    return next(t for t in bpy.data.objects if t.name.endswith("trail"))
+
+
+def test_a_flyer_stands_with_its_sensors(props):
+    bpy.context.scene.cursor.location = (1.0, 2.0, 0.0)
+    bpy.ops.forest.add_flight()
+    flyer = bpy.data.objects["Flyer"]
+    assert tuple(flyer.location) == (1.0, 2.0, 2.0)
+    assert {thing.name for thing in sensors_of(bpy.context.scene)} == {"Flyer lidar", "Flyer sonar"}
+    assert {s.follow for s in to_spec(bpy.context.scene).sensors} == {"Flyer"}
+
+
+def test_it_flies_around_what_stands_there_and_is_animated(props):
+    wall(5.0)
+    bpy.ops.forest.add_flight()
+    flyer = bpy.data.objects["Flyer"]
+    props.flight.distance = 10.0
+    assert bpy.ops.forest.fly(policy="gap") == {"FINISHED"}
+    scene = bpy.context.scene
+    places = []
+    for frame in range(1, scene.frame_end + 1):
+        scene.frame_set(frame)
+        places.append(tuple(flyer.matrix_world.translation))
+    places = np.array(places)
+    assert np.allclose(places[0], [0, 0, 2], atol=1e-5)
+    assert np.hypot(*(places[-1, :2] - [10, 0])) < 2.3
+    assert np.abs(places[:, 1]).max() > 0.3  # around the cube
+    mesh = trail().data
+    colour = np.empty(4 * len(mesh.vertices), dtype=np.float32)
+    mesh.color_attributes["sensed"].data.foreach_get("color", colour)
+    assert len(np.unique(colour.reshape(-1, 4).round(2), axis=0)) > 3
+    assert trail()[IGNORED_KEY]
+    geometry = read_scene(bpy.context.evaluated_depsgraph_get())
+    assert "Flyer trail" not in geometry.object_name
+
+
+def test_twice_in_a_row_nothing_piles_up(props):
+    wall(4.0)
+    bpy.ops.forest.add_flight()
+    props.flight.distance = 6.0
+    bpy.ops.forest.fly(policy="straight")
+    things, meshes = len(bpy.data.objects), len(bpy.data.meshes)
+    bpy.context.scene.frame_set(1)
+    bpy.ops.forest.fly(policy="straight")
+    assert (len(bpy.data.objects), len(bpy.data.meshes)) == (things, meshes)
+
+
+def test_without_a_flyer_it_says_what_to_do(props):
+    with pytest.raises(RuntimeError, match="no flyer yet; add one"):
+        bpy.ops.forest.fly(policy="gap")
+
+
+def test_settings_of_a_flight_come_through_the_panel(props):
+    scene = bpy.context.scene
+    wanted = to_spec(scene).changed()
+    wanted = wanted.changed(
+        flight=wanted.flight.changed(body="quadrotor", speed=7.0, start=(1.0, 2.0, 3.0))
+    )
+    from_spec(scene, wanted)
+    assert to_spec(scene).flight == wanted.flight
+
+
+# --------------------------------------------------------------------------------------- instruments
+# Instruments by their makers' names, what choosing one sets, and limits of what is shown otherwise.
+
+
+class Entries:
+    """A layout that keeps what a menu lists: titles, and what choosing one sets."""
+
+    def __init__(self):
+        self.shown = []
+
+    def operator(self, name, text):
+        entry = type("Entry", (), {"text": text, "name": name})()
+        self.shown.append(entry)
+        return entry
+
+
+def listed():
+    menu = type("Menu", (), {"layout": Entries()})()
+    panels.FOREST_MT_instruments.draw(menu, bpy.context)
+    return {entry.text: entry.scanner for entry in menu.layout.shown}
+
+
+@pytest.mark.parametrize("kind", ["terrestrial", "mobile", "airborne"])
+def test_the_menu_has_the_instruments_of_what_carries_the_sensor(sensor, kind):
+    sensor(kind)
+    able = {name for name in scanner_names() if kind in read_scanner(name).tables}
+    shown = listed()
+    assert set(shown.values()) == able | {""}
+    assert not set(shown) & set(scanner_names())  # names, not those of files
+
+
+def test_choosing_an_instrument_is_the_same_as_in_python(sensor):
+    thing = sensor("terrestrial", position=(1.0, 2.0, 3.0))
+    assert bpy.ops.forest.choose_instrument(scanner=listed()["RIEGL VZ-400i"]) == {"FINISHED"}
+    found = exchange.sensor_of(thing)
+    chosen = forest.instrument("riegl-vz-400i", position=(1.0, 2.0, 3.0), name=found.name)
+    assert found.beam == chosen.beam
+    assert (found.pulse_rate, found.max_range) == (chosen.pulse_rate, chosen.max_range)
+    assert found.position == chosen.position
+    bpy.ops.forest.choose_instrument(scanner="")
+    assert exchange.sensor_of(thing).beam == chosen.beam  # settings stay, they are one's own now
+    assert thing.forest_sensor.terrestrial.scanner == ""
+
+
+def test_a_tooltip_says_range_rate_and_spread(sensor):
+    sensor("terrestrial")
+    words = panels.FOREST_OT_choose_instrument.description(
+        bpy.context, type("Settings", (), {"scanner": "riegl-vz-400i"})()
+    )
+    assert words.startswith("RIEGL VZ-400i: ")
+    assert "kHz" in words
+    assert "mrad" in words
+
+
+def test_a_sonar_has_no_instruments(sensor):
+    sensor("sonar")
+    assert not bpy.ops.forest.choose_instrument.poll()
+
+
+def test_a_file_of_ones_own_is_shown_by_its_name(sensor):
+    group = sensor("terrestrial").forest_sensor.terrestrial
+    assert panels.instrument_title(group) == panels.OWN
+    group.scanner = "riegl-vz-400i"
+    assert panels.instrument_title(group) == "RIEGL VZ-400i"
+    group.scanner = "my/own.toml"
+    assert panels.instrument_title(group) == "own.toml"
+
+
+def test_what_is_shown_in_another_unit_keeps_its_limits_and_says_so(registered):
+    shown = 0
+    for group in properties.GROUPS.values():
+        known = group.bl_rna.properties
+        for name in [key for key in known.keys() if key.endswith("_shown")]:  # noqa: SIM118
+            base, face = known[name.removesuffix("_shown")], known[name]
+            one = math.radians(1) if face.unit == "ROTATION" else 1e-3
+            assert face.description == base.description
+            for limit in ("hard_min", "hard_max"):
+                bound = getattr(base, limit)
+                if abs(bound) < 1e30:
+                    assert getattr(face, limit) == pytest.approx(one * bound, rel=1e-6)
+            shown += 1
+    assert shown > 20
+
+
+# ----------------------------------------------------------------------------------------------- add
+# Sensors added where the user is: in any scene, on its ground, ready to run.
+
+
+@pytest.fixture
+def room(props):
+    """A scene of the user's own: a slab whose top is at 3 m, a block on it, and no forest."""
+    for place, scale in (((0, 0, 2.5), (12, 12, 1)), ((3.5, 0, 5), (1, 2, 4))):
+        bpy.ops.mesh.primitive_cube_add(size=1, location=place, scale=scale)
+    bpy.context.view_layer.update()
+    return props
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", STARTS)
+def test_each_runs_at_once_in_any_scene(room, which):
+    bpy.context.scene.cursor.location = (-2, 0, 3)
+    assert press("add_sensor", kind=which) == {"FINISHED"}
+    thing = bpy.context.view_layer.objects.active
+    assert thing.name == STARTS[which].title
+    group = getattr(thing.forest_sensor, STARTS[which].kind)
+    for name, coarse in {"angle_step_deg": 4.0, "step": 1.0, "pulse_rate": 2000.0}.items():
+        if hasattr(group, name):
+            setattr(group, name, coarse)
+    assert run(thing.name) == {"FINISHED"}
+    assert thing.name in room.results
+    assert exchange.forestless(room)
+    assert not exchange.untouched(room)
+    if STARTS[which].kind not in ("sonar", "reverb"):
+        points = bpy.data.objects[room.results[thing.name].shown]
+        assert len(points.data.vertices if points.type == "MESH" else points.data.points) > 10
+
+
+def test_it_stands_on_the_ground_below_the_cursor(room):
+    scene = bpy.context.scene
+    for cursor, foot in (((0, 0, 3), 3), ((0, 0, 40), 3), ((50, 0, 1), 1), ((3.5, 0, 0), 3)):
+        scene.cursor.location = cursor
+        press("add_sensor", kind="terrestrial")
+        thing = bpy.context.view_layer.objects.active
+        assert np.allclose(thing.location, (*cursor[:2], foot + 1.6), atol=1e-5)
+        scene.cursor.location = (0, 0, 0)
+
+
+def test_a_path_goes_through_what_there_is_to_sense(room):
+    bpy.context.scene.cursor.location = (0, 0, 3)
+    press("add_sensor", kind="drone")
+    path = sensors._held(bpy.context.view_layer.objects.active, sensors.PATH_KEY)
+    line = np.array([(path.matrix_world @ p.co.xyz)[:] for p in path.data.splines[0].points])
+    assert np.allclose(line[:, 2], 37)  # 30 m above the block's top
+    assert np.allclose((line[:, 1].min(), line[:, 1].max()), (-6, 6))
+
+
+def test_a_path_goes_with_its_sensor_unless_a_copy_follows_it(room):
+    before = counts()
+    press("add_sensor", kind="mobile")
+    thing = bpy.context.view_layer.objects.active
+    copy = thing.copy()
+    sensors.home_of(bpy.context.scene).objects.link(copy)
+    press("remove_sensor")
+    assert sensors._held(copy, sensors.PATH_KEY).name in bpy.data.objects
+    bpy.context.view_layer.objects.active = copy
+    press("remove_sensor")
+    assert counts()["objects"] == before["objects"]
+
+
+@pytest.mark.slow
+def test_a_forest_grown_later_leaves_the_users_sensors(room):
+    press("scan_here")
+    assert press("build") == {"FINISHED"}
+    assert [thing.name for thing in sensors.sensors_of(bpy.context.scene)] == ["Tripod LiDAR"]
+    assert len(room.plantings)

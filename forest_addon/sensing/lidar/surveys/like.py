@@ -218,8 +218,7 @@ def pulses_of(time: np.ndarray, number: np.ndarray, count: np.ndarray) -> np.nda
     A clock coarser than the pulses joins none: their returns' numbers begin anew.
     """
     new = (np.diff(time) != 0) | (np.diff(count) != 0) | (np.diff(number.astype(int)) <= 0)
-    pulse: np.ndarray = np.cumsum(np.append(False, new))
-    return pulse
+    return np.cumsum(np.append(False, new))
 
 
 def gaps_of(place: np.ndarray, pulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -62,8 +62,7 @@ class Rods:
         kept = length > 0
 
         def mean(values: np.ndarray) -> np.ndarray:
-            total: np.ndarray = np.bincount(rows, self.length * values)[kept] / length[kept]
-            return total
+            return np.bincount(rows, self.length * values)[kept] / length[kept]
 
         height = mean(self.height - low) + low
         return Rods(length[kept], mean(self.radius), height, mean(self.rise))
@@ -94,8 +93,7 @@ class Blades:
         kept = area > 0
 
         def mean(values: np.ndarray) -> np.ndarray:
-            total: np.ndarray = np.bincount(rows, self.area * values)[kept] / area[kept]
-            return total
+            return np.bincount(rows, self.area * values)[kept] / area[kept]
 
         height = mean(self.height - low) + low
         return Blades(area[kept], mean(self.radius), height, mean(self.shoot))

@@ -109,8 +109,7 @@ class Tail:
         if math.isinf(self.joint):
             return np.ones(np.shape(length))
         place = np.log(np.maximum(length, LEAST) / self.joint) / math.log(FADE)
-        found: np.ndarray = np.cos(0.5 * math.pi * np.clip(place, 0.0, 1.0))
-        return found
+        return np.cos(0.5 * math.pi * np.clip(place, 0.0, 1.0))
 
     def energies(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(B, X) scattered once, and more than once, a metre, without losses along the path."""

@@ -106,8 +106,7 @@ class Density:
             return length * (self.around + inside * (float(self.cells[0, 0]) - self.around))
         share = (np.arange(STEPS) + 0.5) / STEPS
         places = start[:, None] + share[:, None] * (end - start)[:, None]
-        found: np.ndarray = self.at(places).mean(axis=1) * length
-        return found
+        return self.at(places).mean(axis=1) * length
 
     def left(self, place: np.ndarray, way: np.ndarray) -> np.ndarray:
         """(N,) bool, whether straight ways (N, 2) from places (N, 2) meet no trunk any more."""
@@ -163,8 +162,7 @@ class PhaseFunction:
     def towards(self, turned: np.ndarray) -> np.ndarray:
         """(N,) share per radian that is turned by angles in 0 to π."""
         row = np.minimum((turned * (ANGLES / math.pi)).astype(np.int64), ANGLES - 1)
-        found: np.ndarray = self.density[row]
-        return found
+        return self.density[row]
 
 
 def without_shadow(scattered: np.ndarray, shadow: float) -> np.ndarray:

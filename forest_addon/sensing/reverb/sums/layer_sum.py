@@ -393,8 +393,7 @@ class Sector:
     def shares(self, cosine: np.ndarray) -> np.ndarray:
         """(M, R) V_r at cosines (M,)."""
         place = (cosine - self.low) * (2.0 / (self.high - self.low)) - 1.0
-        found: np.ndarray = chebyshev.polynomials(place, len(self.series)).T @ self.series
-        return found
+        return chebyshev.polynomials(place, len(self.series)).T @ self.series
 
 
 class ExpansionLayer:
@@ -496,8 +495,7 @@ class ExpansionLayer:
         size = np.sqrt(np.square(np.abs(few)).sum(axis=0)) / self.gain[rows]
         few = few * np.sqrt(density) / size
         stacked = np.hstack([few.real, few.imag]).T
-        triangle: np.ndarray = linalg.qr(stacked, mode="r", check_finite=False)[0][: len(few)]
-        return triangle
+        return linalg.qr(stacked, mode="r", check_finite=False)[0][: len(few)]
 
     def sector(self, number: int) -> Sector:
         """One of the sectors; made once."""

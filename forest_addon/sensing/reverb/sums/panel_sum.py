@@ -395,8 +395,7 @@ class _Side:
     def points(self) -> np.ndarray:
         """(parts, nodes) Chebyshev points of each part."""
         within = 0.5 * (chebyshev.points(self.nodes) + 1.0)
-        found: np.ndarray = self.low + self.step * (np.arange(self.count)[:, None] + within)
-        return found
+        return self.low + self.step * (np.arange(self.count)[:, None] + within)
 
     def lagrange(self, rows: np.ndarray) -> np.ndarray:
         """(m, nodes) polynomials of each value's part, which are 1 at one of its points and 0 at others."""

@@ -75,8 +75,7 @@ class Zone:
         return chebyshev.polynomials(self._place(length), len(self.nodes)).T
 
     def _place(self, length: np.ndarray) -> np.ndarray:
-        place: np.ndarray = 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
-        return place
+        return 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
 
 
 @dataclass
@@ -196,14 +195,12 @@ class PathGain:
                 break
             count *= 2
         count = max(1, min(needed, count))
-        found: np.ndarray = low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))
-        return found
+        return low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))
 
 
 def _number(length: np.ndarray) -> np.ndarray:
     """(M,) zone of each length: its octave."""
-    number: np.ndarray = np.floor(np.log2(length)).astype(np.int64)
-    return number
+    return np.floor(np.log2(length)).astype(np.int64)
 
 
 SHORTEST = 1536  # samples of a block at least

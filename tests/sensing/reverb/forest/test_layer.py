@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from references.foldy_lax import received
-from references.transport_in_space import in_ball, in_layer
+from references.cylinders import received
+from references.reverb import in_ball, in_layer
 
 from forest_addon.acoustics.foliage import twig_loss
 from forest_addon.base.rng import stream
