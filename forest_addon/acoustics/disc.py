@@ -103,12 +103,12 @@ def disc_amplitudes(
         side = np.zeros(len(radius), np.int8) if side is None else side
         library.piston_discs(*given, side, *_hankel().given[2:], found)
     else:
-        later = np.full(len(radius), later) if np.ndim(later) == 0 else later
-        tabulated_by_kernel(library, *given, later, found)
+        late = np.full(len(radius), later)
+        tabulated_by_kernel(library, *given, late, found)
         large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
         if len(large):
             size, some = wavenumber[:, None] * radius[large], incidence[large]
-            turn = np.exp(1j * later[large] * size) * (factor[large] / wavenumber[:, None])
+            turn = np.exp(1j * late[large] * size) * (factor[large] / wavenumber[:, None])
             found[:, large] = _exact(size, some) * turn
     return found
 
