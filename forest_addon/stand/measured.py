@@ -53,6 +53,7 @@ from ..growth.measured.allometry import (
     middle,
     scores,
     stem_profile,
+    suppressed,
 )
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, SpecError, Species
@@ -129,9 +130,9 @@ def with_targets(
     grows = np.zeros(len(stand), dtype=bool)
     for group in groups:
         listed = _list_of(plantings[group.number], inputs)
-        told = listed is not None and listed.rotation is not None
-        turned = told and bool(np.isfinite(listed.rotation).any())
-        grows[group.rows] = species[group.number][0].crown is not None and not turned
+        turned = None if listed is None else listed.rotation
+        told = turned is not None and bool(np.isfinite(turned).any())
+        grows[group.rows] = species[group.number][0].crown is not None and not told
     grows &= stand.number >= 0
     canopy = canopy_of(wanted[rows, 0])
     lean[rows] = aside(stand.position[rows, :2], *wanted[rows, 1:3].T, canopy)
@@ -153,12 +154,12 @@ def with_targets(
     for group in groups:
         rows, number = group.rows, group.number
         rng = stream(seed, "stand", names[number], "variants")
-        most_of = plantings[number].variants
-        label, chosen = groups_of(wanted[rows], most_of, group.law, rng, off[rows])
+        many = plantings[number].variants
+        label, chosen = groups_of(wanted[rows], many, group.law, rng, off[rows])
         variant[rows], scale[rows] = label, 1.0
-        models, leaning = wanted[rows[chosen]], off[rows[chosen]].tolist()
-        for k, model in enumerate(models.tolist()):
-            variants[number, k] = Wanted(*model, aside=leaning[k])
+        models = wanted[rows[chosen]]
+        for k, row in enumerate(rows[chosen].tolist()):
+            variants[number, k] = Wanted(*wanted[row].tolist(), aside=float(off[row]))
         rows = np.flatnonzero((stand.species == number) & (stand.number < 0))
         if len(rows):
             asked = told_of(plantings[number], stand.number[rows], "variant")
@@ -432,20 +433,19 @@ def _list_of(planting: Planting, inputs: Inputs) -> TreeList | None:
     return inputs.lists.get(planting.trees or planting.collection) if named else None
 
 
+Pairs = tuple[np.ndarray, np.ndarray]
 KERNEL = 1.0  # standard deviation of the kernel over the mean width of crowns
 REACH = 2.5  # of those, beyond which neighbours do not count
 CLOSED, SPREAD = 1.5, 0.7  # κ₀ and s
 MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
 ALONE = (-MOST * WIDTH, -MOST * BASE)  # scores of crown width and base of a tree without neighbours
-THINNEST, THICKEST = 0.025, 0.6  # metres, and of the canopy's: diameters of the understorey
-# Metres in which numbers of trees by diameter fall by e, as by 1.4 in 5 cm.
-FALL = 0.05 / np.log(1.4)
 YOUNG = 0.07  # metres of diameter, below which a tree stands under the canopy
 OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width
 INTO_GAPS = 0.17  # of its width, that a crown with gaps on half its sides is wider than drawn
 BESIDE, SIDES = 1.1, 24  # of its radius, where a crown's sides are looked at, and how many of them
+WAYS = np.stack([f(2 * np.pi * np.arange(SIDES) / SIDES) for f in (np.cos, np.sin)], axis=1)
 AROUND = (0.5, 0.8, 1.05, 1.3, 1.5)  # of its radius, where it looks for light
 CLAIMS = 1.2  # of its radius, as far as a neighbour holds light back
 SHADES = 0.6  # of a tree's height, that neighbours have which hold light back
@@ -528,18 +528,6 @@ def competed(uniform: np.ndarray, found: np.ndarray) -> np.ndarray:
     return mixed
 
 
-def suppressed(dbh: np.ndarray, keys: np.ndarray, share: float) -> np.ndarray:
-    """(N,) diameters, m, of trees with keys (N,), of which this share stand under the canopy.
-
-    Numbers of trees by diameter fall there exponentially, by the same factor from class to class (de Liocourt
-    1898; Meyer 1952, J. For. 50:85), up to a share of the diameter that the tree had in the canopy.
-    """
-    most = np.maximum(THICKEST * dbh, THINNEST)
-    falls = -np.expm1((THINNEST - most) / FALL)
-    thin = THINNEST - FALL * np.log1p(-falls * keyed_uniform(keys, "suppressed"))
-    return np.where(keyed_uniform(keys, "understorey") < share, thin, dbh)
-
-
 def apart(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray:
     """(N,) crown widths, those that are free (N,) bool narrower where neighbours stand too near."""
     if len(place) < 2:
@@ -556,9 +544,7 @@ def apart(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray:
     return np.where(free, width * np.clip(factor, NARROWEST, 1.0), width)
 
 
-def claimants(
-    place: np.ndarray, height: np.ndarray, width: np.ndarray, share: float
-) -> tuple[np.ndarray, np.ndarray]:
+def claimants(place: np.ndarray, height: np.ndarray, width: np.ndarray, share: float) -> Pairs:
     """(M,) trees, and (M,) neighbours of each that may hold light back from within so many of its radii."""
     reach = (share + CLAIMS) * float(width.max()) / 2
     a, b = cKDTree(place).query_pairs(reach, output_type="ndarray").T
@@ -570,11 +556,7 @@ def claimants(
 
 
 def unclaimed(
-    eye: np.ndarray,
-    place: np.ndarray,
-    width: np.ndarray,
-    pairs: tuple[np.ndarray, np.ndarray],
-    share: float,
+    eye: np.ndarray, place: np.ndarray, width: np.ndarray, pairs: Pairs, share: float
 ) -> np.ndarray:
     """(N, SIDES) whether points (N, SIDES, 2), so many radii from the middles (N, 2) of crowns, are nearer in
     radii to none of the neighbours, ``claimants``."""
@@ -585,12 +567,6 @@ def unclaimed(
     return free
 
 
-def _sides() -> np.ndarray:
-    """(SIDES, 2) directions to the sides of a crown."""
-    side = 2 * np.pi * np.arange(SIDES) / SIDES
-    return np.column_stack([np.cos(side), np.sin(side)])
-
-
 def aside(
     place: np.ndarray, height: np.ndarray, width: np.ndarray, canopy: np.ndarray
 ) -> np.ndarray:
@@ -598,20 +574,19 @@ def aside(
 
     Crowns are displaced away from large and near neighbours, towards light (Muth and Bazzaz 2003, Can. J.
     For. Res. 33:1323): here to the mean place of what neighbours of the canopy (N,) bool leave of the area
-    about a tree. Where one side of it lies beyond the rectangle that those stand in, the other does not
-    count either.
+    about a tree. Where that ends with the rectangle of the canopy, the opposite side does not count either.
     """
     if len(place) < 2:
         return np.zeros((len(place), 2))
-    side, low, high = _sides(), place[canopy].min(axis=0), place[canopy].max(axis=0)
+    low, high = place[canopy].min(axis=0), place[canopy].max(axis=0)
     tree, other = claimants(place, height, width, AROUND[-1])
     pairs = tree[canopy[other]], other[canopy[other]]
     shift = np.zeros((len(place), 2))
     for share in AROUND:
-        eye = place[:, None] + share * width[:, None, None] / 2 * side
+        eye = place[:, None] + share * width[:, None, None] / 2 * WAYS
         seen = ((eye >= low) & (eye <= high)).all(axis=2)
         seen &= np.roll(seen, SIDES // 2, axis=1)
-        shift += share**2 * (unclaimed(eye, place, width, pairs, share) & seen) @ side
+        shift += share**2 * (unclaimed(eye, place, width, pairs, share) & seen) @ WAYS
     shift /= SIDES * sum(AROUND)
     size = np.linalg.norm(shift, axis=1, keepdims=True)
     shift *= np.minimum(1.0, FARTHEST / np.maximum(size, 1e-9))
@@ -628,7 +603,7 @@ def filled(
     """
     if len(place) < 2:
         return width
-    eye = place[:, None] + BESIDE * width[:, None, None] / 2 * _sides()
+    eye = place[:, None] + BESIDE * width[:, None, None] / 2 * WAYS
     pairs = claimants(place, height, width, BESIDE)
     gaps = unclaimed(eye, place, width, pairs, BESIDE).mean(axis=1)
     return np.where(free, width * (1 + 4 * INTO_GAPS * gaps * (1 - gaps)), width)

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.library import find_species, load_species
-from forest_addon.growth.measured.allometry import band
+from forest_addon.growth.measured.allometry import band, suppressed
 from forest_addon.spec import (
     Clusters,
     Forest,
@@ -55,7 +55,6 @@ from forest_addon.stand.measured import (
     cover,
     filled,
     leaf_area_index,
-    suppressed,
     with_targets,
 )
 from forest_addon.stand.plan import labels, plan_stand
