@@ -531,7 +531,12 @@ def render_sheet(
         _hang(scene, species, tree, x, up / math.cos(TILT), size)
         cells.append(SheetCell(x * pixels, (high - up) * pixels, 1 / (size * pixels)))
     _aim(scene, columns * FIELD[0], high)
-    _light_sheet(scene)
+    # Sun from the front left, so that no tree shades its neighbour much, and a bright sky
+    scene.collection.objects.link(_sun("Sheet sun", 5.5, 3.0, (1.0, 0.92, 0.80), (52, 0, -38)))
+    scene.world = world = bpy.data.worlds.new("Sheet sky")
+    sky = next(n for n in tree_of(world).nodes if n.type == "BACKGROUND")
+    sky.inputs["Color"].default_value = (0.75, 0.86, 1.0, 1.0)
+    sky.inputs["Strength"].default_value = 0.8
     scene.render.film_transparent = True
     scene.render.image_settings.color_mode = "RGBA"
     output = spec.Output(preview_samples=samples)
@@ -587,15 +592,6 @@ def _aim(scene: bpy.types.Scene, wide: float, high: float) -> None:
     camera.rotation_euler = (math.pi / 2 - TILT, 0.0, 0.0)
     scene.collection.objects.link(camera)
     scene.camera = camera
-
-
-def _light_sheet(scene: bpy.types.Scene) -> None:
-    """Sun from the front left, so that no tree shades its neighbour much, and a bright sky."""
-    scene.collection.objects.link(_sun("Sheet sun", 5.5, 3.0, (1.0, 0.92, 0.80), (52, 0, -38)))
-    scene.world = world = bpy.data.worlds.new("Sheet sky")
-    sky = next(n for n in tree_of(world).nodes if n.type == "BACKGROUND")
-    sky.inputs["Color"].default_value = (0.75, 0.86, 1.0, 1.0)
-    sky.inputs["Strength"].default_value = 0.8
 
 
 BEHIND, NEAREST, FARTHEST = 60, 7.0, 55.0  # trees behind, metres
