@@ -45,6 +45,19 @@ HAZE, WARM = (
 )  # of the sky at the horizon, by day, in the evening
 EVENING = 1.0  # stops that a picture is brighter when the sun is low
 FILL = 0.95  # of the picture; boxes are larger than crowns
+CYCLES = {
+    "device": "CPU",
+    "use_denoising": True,
+    "use_adaptive_sampling": True,
+    "adaptive_threshold": 0.05,
+    "max_bounces": 4,
+    "use_fast_gi": True,  # light below the crowns by the sky that a point sees
+    "fast_gi_method": "REPLACE",
+    "ao_bounces_render": 1,
+    "caustics_reflective": False,
+    "caustics_refractive": False,
+    "seed": 0,
+}
 
 
 def set_stage(
@@ -109,17 +122,9 @@ def render(
     OSError : the picture could not be written.
     """
     scene.render.engine = "CYCLES"
-    scene.cycles.device = "CPU"
+    for name, value in CYCLES.items():
+        setattr(scene.cycles, name, value)
     scene.cycles.samples = output.preview_samples
-    scene.cycles.use_denoising = True
-    scene.cycles.use_adaptive_sampling = True
-    scene.cycles.adaptive_threshold = 0.05
-    scene.cycles.max_bounces = 4
-    scene.cycles.use_fast_gi = True  # light below the crowns by the sky that a point sees
-    scene.cycles.fast_gi_method = "REPLACE"
-    scene.cycles.ao_bounces_render = 1
-    scene.cycles.caustics_reflective = scene.cycles.caustics_refractive = False
-    scene.cycles.seed = 0
     scene.render.resolution_percentage = 100
     scene.render.image_settings.file_format = "PNG"
     scene.view_settings.view_transform = "AgX"
