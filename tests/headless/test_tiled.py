@@ -73,6 +73,9 @@ def test_workers_of_which_one_lost_a_piece_make_the_same_bytes(field, empty_blen
         assert not list(folder.glob("tiles/*.[rnp]*z"))
     for name in names:
         assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
+    (audit,) = json.loads((parts / "run.json").read_text())["sensors"]["als"]["audits"].values()
+    assert audit["kept"]
+    assert audit["checks"][0]["what"] == "figures computed again"
     before = (whole / "als.laz").stat().st_mtime_ns
     assert main(["run", str(field), "--out", str(whole), "--resume"]) == 0
     assert "ground.npy is an image or array without a place: heights" in str(capsys.readouterr())

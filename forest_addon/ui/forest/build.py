@@ -279,7 +279,7 @@ def read_site(
 
 
 class FOREST_OT_build(Working, bpy.types.Operator):
-    """Grow the trees and plant them, in place of the forest that stands; results stay and are marked"""
+    """Grow the trees and plant them; a forest that stands is replaced, its results stay and are marked"""
 
     bl_label = "Grow Forest"
 
