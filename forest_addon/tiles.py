@@ -17,9 +17,11 @@ number of their pulses, the pieces are what the scan of the whole forest writes,
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .base.kept import LastAsked
+from .base.places import version
 from .base.progress import Progress
 from .base.rows import Drawn, blocks, distinct, slots
 from .formats.atomic import partial_of, replacing
@@ -40,8 +43,8 @@ from .sensing.lidar.cloud import Lost, together
 from .sensing.lidar.footprint import reach
 from .sensing.lidar.pattern import LiDAR, Pattern, Pulses
 from .sensing.looks import Upright
-from .sensing.rays.geometry import boxes_of
-from .spec import Forest, Scanner
+from .sensing.rays.geometry import SceneGeometry, boxes_of
+from .spec import Forest, Output, Rays, Scanner, Scene
 from .stand.forest import ForestPlan, GrownForest, counts_of, keys_of
 from .stand.intensity.surface import sink
 from .stand.plan import Stand, labels
@@ -51,13 +54,34 @@ TURNED = 1.5  # times its reach that the box around a turned tree may reach; the
 SAME = 1e-6  # m, for rounding
 SLACK = 0.01  # metres that a tree may reach beyond what its mesh says, for rounding
 Key = tuple[int, int]  # planting and variant
+TABLES = (  # of a planned forest, which take time to find
+    *("_foot", "_wide", "_least", "_top", "_first", "_by_tile", "in_tile", "across", "most"),
+    *("low", "high", "bounds", "outermost", "by_variant", "extent", "digest"),
+)
 AT_ONCE = 262_144  # pulses
 SPARSE = 16  # of so many pulses one is looked at where few tiles are wanted
+PROBED = 1000  # trees, by which two plans are held to be the same
 LEVELS = 32  # of buffers; the first is that of the settings
 FIRST = 10.0  # metres: the least buffer that is doubled
 SPARE = 0.01  # metres about a path, for rounding
 WINDOW = 1_000_000  # points, about, that are joined at a time
 HEAD = b"FSPART1\n"  # before the records
+
+
+def keep_arrays(path: Path, said: str, arrays: Mapping[str, Any]) -> None:
+    """Write arrays and numbers to an .npz for other processes; said : what decides them."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as partial:
+        np.savez(partial, said=said, **arrays)
+
+
+def kept_arrays(path: Path, said: str) -> dict[str, Any]:
+    """Read what ``keep_arrays`` wrote of the same; nothing where there is none."""
+    if not path.is_file():
+        return {}
+    with np.load(path) as data:
+        found = {name: value if value.ndim else value.item() for name, value in data.items()}
+    return found if found.pop("said", None) == said else {}
 
 
 @dataclass(frozen=True)
@@ -121,37 +145,64 @@ class TiledForest:
     """A forest that is planned and has not grown but for its variants. Of each tree it keeps its place and
     two whole numbers; all else is drawn again where it is asked for (``Drawn``).
 
-    counts : trees of each (planting, variant). most : m that any tree reaches to the sides of its foot.
-    across : m, the largest distance between two points of one tree. low, high :
-    lowest and highest coordinate z of any tree. bounds : (2, 3) lowest and highest corner of the box that
-    all trees are in. outermost : rows of those that may reach to the bounds of
-    the whole. in_tile : (T,) trees of each tile. notes : of the plan.
+    plan : of it. counts : trees of each (planting, variant). most : m that any tree reaches to the sides of
+    its foot. across : m, the largest distance between two points of one tree. low, high : lowest and highest
+    coordinate z of any tree. bounds : (2, 3) lowest and highest corner of the box that all trees are in.
+    outermost : rows of those that may reach to the bounds of the whole. in_tile : (T,) trees of each tile.
+    notes : of the plan. kept : file of ``keep``, taken where it is of the same forest.
     """
 
-    def __init__(self, plan: ForestPlan, grid: TileGrid) -> None:
-        self._plan, self._grid, self.notes = plan, grid, plan.notes()
+    def __init__(self, plan: ForestPlan, grid: TileGrid, kept: Path | None = None) -> None:
+        self.plan, self._grid, self.notes = plan, grid, plan.notes()
         self.counts = counts_of(plan.measured.stand)
         self.trees = KeptTrees(plan, self.counts)
+        drawn, ground = plan.measured.stand, plan.inputs.ground(plan.scene.forest.terrain.base)
+
+        def sunk(rows: np.ndarray) -> np.ndarray:
+            radius = self._foot[drawn.species[rows], drawn.variant[rows]] * drawn.scale[rows]
+            return sink(ground, drawn.position[rows][:, :2], radius)
+
+        alone: Any = Drawn(len(drawn), sunk)
+        is_drawn = isinstance(drawn.scale, Drawn)
+        self._stand = replace(drawn, sink=alone) if is_drawn else plan.placed(self.trees)
+        known = kept_arrays(kept, self._said) if kept else {}
+        vars(self).update(known)
+        if not known:
+            self._measure()
+
+    def keep(self, path: Path) -> None:
+        """Write what took time to find, for other processes that plan the same forest.
+
+        Raises
+        ------
+        OSError : it cannot be written.
+        """
+        found = {name: getattr(self, name) for name in TABLES}
+        keep_arrays(path, self._said, {k: v for k, v in found.items() if v is not None})
+
+    @property
+    def _said(self) -> str:
+        """The settings and some of the trees, in one number."""
+        total, stand = _decided(self.plan.scene), self.plan.measured.stand
+        some = stand.select(np.arange(0, len(stand), len(stand) // PROBED + 1))
+        for array in (some.position, some.rotation, some.scale, some.variant, np.array(len(stand))):
+            total.update(np.ascontiguousarray(array).view(np.uint8).data)
+        return str(total.hexdigest())
+
+    def _measure(self) -> None:
+        """Find how far trees of each variant reach, the bounds of all, and which stand in which tile."""
+        grid = self._grid
         shape = np.max([(0, 0), *self.counts], axis=0) + 1
         # Of each variant in its own size: m to the sides, its ends in z, the longest way through it.
-        self._wide, self._least, self._top, through, foot = np.zeros((5, *shape))
+        self._wide, self._least, self._top, through, self._foot = np.zeros((5, *shape))
         for key, tree in self.trees.items():
-            foot[key] = tree.skeleton.radius[:1, 0].sum()
+            self._foot[key] = tree.skeleton.radius[:1, 0].sum()
             low, high = boxes_of(tree.mesh, 1)
             if len(low):
                 used = tree.mesh.vertices[np.isfinite(tree.mesh.vertices).all(axis=1)]
                 self._wide[key] = np.hypot(*used[:, :2].T).max()
                 self._least[key], self._top[key] = low[0, 2], high[0, 2]
                 through[key] = np.linalg.norm(np.ptp(used, axis=0))
-        drawn, ground = plan.measured.stand, plan.inputs.ground(plan.scene.forest.terrain.base)
-
-        def sunk(rows: np.ndarray) -> np.ndarray:
-            radius = foot[drawn.species[rows], drawn.variant[rows]] * drawn.scale[rows]
-            return sink(ground, drawn.position[rows][:, :2], radius)
-
-        alone: Any = Drawn(len(drawn), sunk)
-        is_drawn = isinstance(drawn.scale, Drawn)
-        self._stand = replace(drawn, sink=alone) if is_drawn else plan.placed(self.trees)
         tile = np.empty(len(self), dtype=np.min_scalar_type(len(grid)))  # 16 bits: a fast sort
         self.in_tile, self.across, self.most = np.zeros(len(grid), dtype=np.int64), 0.0, 0.0
         least, most, outer = np.full(3, np.inf), np.full(3, -np.inf), list[np.ndarray]()
@@ -231,7 +282,7 @@ class TiledForest:
 
     def part(self, rows: np.ndarray | slice) -> GrownForest:
         """Some trees as a forest, with the numbers that they have in the whole."""
-        plan, stand, measured = self._plan, self.stand(rows), self._plan.measured
+        plan, stand, measured = self.plan, self.stand(rows), self.plan.measured
         return GrownForest(
             stand=stand,
             labels=tuple(labels(plan.scene.plantings)),
@@ -241,10 +292,53 @@ class TiledForest:
             laws=measured.laws,
         )
 
+    @cached_property
+    def extent(self) -> np.ndarray | None:
+        """(2, 3) lowest and highest corner of all trees' boxes; None without any."""
+        if not len(self.outermost):
+            return None
+        part = self.part(self.outermost)
+        keys = keys_of(part.stand)
+        number = {key: k for k, key in enumerate(keys)}
+        pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
+        low, high = SceneGeometry(
+            meshes=tuple(part.variants[key].mesh for key in keys),
+            transform=part.transforms(),
+            mesh_index=np.array([number[pair] for pair in pairs]),
+            object_name=(),
+            tree=part.stand.id,
+            species=part.stand.species,
+            object_index=part.stand.id,
+            crowd=tuple(self.counts[key] for key in keys),
+        ).bounds()
+        found = np.isfinite(low).all(axis=1)
+        return np.array([low[found].min(axis=0), high[found].max(axis=0)]) if found.any() else None
+
+    @cached_property
+    def digest(self) -> str:
+        """Return what decides what rays meet in the forest, in one number."""
+        total = _decided(self.plan.scene)
+        for rows in blocks(len(self)):
+            stand = self.stand(rows)
+            for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
+                total.update(np.ascontiguousarray(array).view(np.uint8).data)
+        for tree in self.trees.values():
+            total.update(np.ascontiguousarray(tree.mesh.vertices).view(np.uint8).data)
+        return str(total.hexdigest())
+
     def parts(self, at_once: int) -> Iterator[GrownForest]:
         """All trees, so many at a time."""
         for first in range(0, max(len(self), 1), at_once):
             yield self.part(np.arange(first, min(first + at_once, len(self))))
+
+
+def _decided(scene: Scene) -> Any:
+    """The hash of what settings decide of a forest."""
+    rays = Rays(engine=scene.rays.engine)  # their number of threads decides nothing
+    tiles = scene.tiles.changed(files="merged")
+    scene = scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
+    text = json.dumps([version(), asdict(scene)], sort_keys=True, default=str)
+    return hashlib.blake2b(text.encode(), digest_size=16)
 
 
 def _outer(place: np.ndarray, reach: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> np.ndarray:
@@ -275,23 +369,6 @@ class TiledPulses:
         """The pieces that have pulses, ascending."""
         pieces = np.unique(self.piece)
         return pieces[pieces >= 0]
-
-    def write(self, path: Path, scan: str) -> None:
-        """Write it to an .npz; scan : what decides it."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as partial:
-            np.savez(partial, scan=scan, **vars(self))
-
-    @classmethod
-    def read(cls, path: Path, scan: str) -> TiledPulses | None:
-        """Read that of a scan; None where there is none."""
-        if not path.is_file():
-            return None
-        with np.load(path) as data:
-            said = {f.name: data[f.name] for f in fields(cls)}
-            same = str(data["scan"]) == scan
-        numbers = {name: value.item() for name, value in said.items() if not value.ndim}
-        return cls(**{**said, **numbers}) if same else None
 
     def numbers(self, piece: int, at_once: int) -> Iterator[np.ndarray]:
         """The pulses of a piece, ascending, about so many at a time."""

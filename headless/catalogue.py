@@ -1,8 +1,9 @@
 """A STAC catalogue of point clouds, and the same as a virtual point cloud (VPC), which opens as one in QGIS.
 
-Each file is an item beside it: footprint in degrees where the coordinate system is known, bounds, points and
-columns by the point-cloud extension, and what its maker says. The date is that of the files' own headers, so
-that equal clouds have equal catalogues.
+Each file is an item beside it: footprint in degrees where the coordinate system is known, bounds, points
+and columns (by PDAL's names) by the point-cloud extension, and what its maker says. The date is that of the
+files' own headers, so that equal clouds have equal catalogues. Readers of a VPC (QGIS, pdal_wrench) take
+items of STAC 1.0.0 alone, whose coordinate system is ``proj:epsg`` or ``proj:wkt2``.
 """
 
 from __future__ import annotations
@@ -22,6 +23,10 @@ from forest_addon.spec import SpecError
 DATE = datetime(1980, 1, 1, tzinfo=UTC)  # as in the files' headers
 CATALOG = "catalog.json"
 TYPES = {"f": "floating", "i": "signed"}
+VIRTUAL = [
+    "https://stac-extensions.github.io/pointcloud/v1.0.0/schema.json",
+    "https://stac-extensions.github.io/projection/v1.1.0/schema.json",
+]
 
 
 def write_catalogue(folder: Path, files: Sequence[Path], crs: str, told: Mapping[str, Any]) -> None:
@@ -42,7 +47,7 @@ def write_catalogue(folder: Path, files: Sequence[Path], crs: str, told: Mapping
     features = []
     for path in files:
         item = _item(path, crs, told)
-        features.append(item)
+        features.append(_of_virtual(item))
         links = [{"rel": rel, "href": f"./{CATALOG}"} for rel in ("root", "parent")]
         _write(path.with_suffix(".json"), {**item, "links": links})
         catalogue["links"].append({"rel": "item", "href": f"./{path.stem}.json"})
@@ -52,6 +57,14 @@ def write_catalogue(folder: Path, files: Sequence[Path], crs: str, told: Mapping
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     write_whole(path, json.dumps(content, indent=1, sort_keys=True) + "\n")
+
+
+def _of_virtual(item: Mapping[str, Any]) -> dict[str, Any]:
+    """The item as a VPC has it."""
+    said = dict(item["properties"])
+    authority, _, number = said.pop("proj:code", "").partition(":")
+    said |= {"proj:epsg": int(number)} if authority == "EPSG" and number.isdigit() else {}
+    return {**item, "stac_version": "1.0.0", "stac_extensions": VIRTUAL, "properties": said}
 
 
 def _item(path: Path, crs: str, told: Mapping[str, Any]) -> dict[str, Any]:
@@ -66,20 +79,22 @@ def _item(path: Path, crs: str, told: Mapping[str, Any]) -> dict[str, Any]:
     schemas = []
     for column in header.point_format.dimensions:
         kind = TYPES.get(column.dtype.kind if column.dtype else "u", "unsigned")
-        schemas.append(Schema.create(column.name, max(column.num_bits // 8, 1), kind))
+        name = column.name.title().replace("_", "") if column.is_standard else column.name
+        schemas.append(Schema.create(name, max(column.num_bits // 8, 1), kind))
     ring = np.array([low[:2], [high[0], low[1]], high[:2], [low[0], high[1]], low[:2]])
+    native, wkt = {"type": "Polygon", "coordinates": [ring.tolist()]}, ""
     if crs:
-        from pyproj import Transformer
+        from pyproj import CRS, Transformer
 
-        turned = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+        turned, wkt = Transformer.from_crs(crs, "EPSG:4326", always_xy=True), CRS(crs).to_wkt()
         ring = np.column_stack(turned.transform(*ring.T))
-    box = [*ring.min(axis=0).tolist(), *ring.max(axis=0).tolist()]
-    flat = {"type": "Polygon", "coordinates": [ring.tolist()]}
-    item = pystac.Item(path.name.partition(".")[0], flat, box, DATE, dict(told))
+    box = [*ring.min(axis=0).tolist(), low[2], *ring.max(axis=0).tolist(), high[2]]
+    footprint = {"type": "Polygon", "coordinates": [ring.tolist()]}
+    item = pystac.Item(path.name.partition(".")[0], footprint, box, DATE, dict(told))
     media = "application/vnd.laszip+copc"
     item.add_asset("data", pystac.Asset(f"./{path.name}", media_type=media, roles=["data"]))
     cloud = PointcloudExtension.ext(item, add_if_missing=True)
     cloud.apply(header.point_count, "lidar", "copc", schemas)
     projection = ProjectionExtension.ext(item, add_if_missing=True)
-    projection.apply(code=crs or None, bbox=[*low, *high])
+    projection.apply(code=crs or None, wkt2=wkt, bbox=[*low, *high], geometry=native)
     return dict(item.to_dict(include_self_link=False, transform_hrefs=False))

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from forest_addon.base.places import NO_BLENDER, version
 from forest_addon.formats.ownership import Keeper, keeping
-from forest_addon.spec import unknown
+from forest_addon.spec import SpecError, unknown
 
 from .command import (
     PROGRAM,
@@ -79,7 +79,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"{words[0]} is a study of the repository: python -m studies {words[0]}", 2)
     try:
         _refuse_unknown(words)
-        chosen = _parser().parse_args(_values_joined(words))
+        chosen, rest = _parser().parse_known_args(_values_joined(words))
+        if rest and rest[0].startswith("--"):
+            raise unknown("option", rest[0].split("=")[0], chosen.known)
+        if rest:
+            raise SpecError(rest[0], f"is a word too many; see {PROGRAM} {chosen.COMMAND} --help")
         command: Command = chosen.command
         if "out" in chosen:
             chosen.out = command.output(chosen)
@@ -193,7 +197,8 @@ def _parser() -> argparse.ArgumentParser:
                 action="store_true",
                 help="replace files there that Forest Sensing did not write, and say which",
             )
-        of_this.set_defaults(command=command, **command.fixed)
+        options = [name for name in of_this._option_string_actions if name.startswith("--")]
+        of_this.set_defaults(command=command, known=options, **command.fixed)
         for action in of_this._actions:
             if action.type in (Path, scene_file, sound_file):
                 action.complete = FILES

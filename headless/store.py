@@ -1,7 +1,7 @@
 """A store of objects, such as s3://, gs:// and memory://, that finished pieces and files are copied to.
 
 An object is there whole or not at all, nothing is renamed or locked, and two commands that copy the same
-leave the same bytes. A store that holds anything is used only if ``MARK`` says that a run of ours began it.
+leave the same bytes. A store that holds anything is used only if ``MARK`` says that such a command began it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.spec import SpecError
 
 MARK = ".forest-sensing"
+OURS = "Forest Sensing: "  # and what a command makes there
 FOLDERS = ("file://", "local://")
 
 
@@ -37,10 +38,10 @@ def store_of(url: str) -> Path:
     return place
 
 
-def claim_store(store: Path, goes_on: bool) -> None:
-    """Mark a store as that of a run, before anything is copied to it.
+def claim_store(store: Path, what: str, goes_on: bool) -> None:
+    """Mark a store as that of a command, before anything is copied to it.
 
-    goes_on : another process began there.
+    what : the command makes, such as a dataset. goes_on : another process began there.
 
     Raises
     ------
@@ -48,17 +49,13 @@ def claim_store(store: Path, goes_on: bool) -> None:
     OSError : it cannot be read or written.
     """
     try:
-        ours = (store / MARK).is_file()
+        mark = store / MARK
+        there = mark.read_text().removeprefix(OURS) if mark.is_file() else "what no run put there"
         holds = store.is_dir() and any(True for _ in store.iterdir())
-        if holds and not (ours and goes_on):
-            todo = (
-                "--resume goes on with them, or take an empty place"
-                if ours
-                else "take an empty one"
-            )
-            whose = "a run's results" if ours else "what no run put there"
-            raise SpecError(f"--store {store}", f"holds {whose}; {todo}")
-        (store / MARK).write_bytes(b"Forest Sensing\n")
+        if holds and not (there == what and goes_on):
+            todo = "--resume goes on with it, or " if there == what else ""
+            raise SpecError(f"--store {store}", f"holds {there}; {todo}take an empty place")
+        mark.write_text(OURS + what)
     except SpecError:
         raise
     except Exception as problem:  # each kind of store has errors of its own

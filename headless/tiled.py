@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import tempfile
 import time
 from collections.abc import Sequence
@@ -44,7 +45,9 @@ from .record import made_with
 from .store import claim_store, fetch, put
 
 FOLDER = "tiles"
+PLAN = "plan.npz"  # in it: what workers need not find again
 MOST_CUTS = 8  # along the edges of a tile
+MOST_AUDITED = 10  # tiles of a scan
 BLOCK = 250_000  # trees of trees.csv at a time
 NOT_WRITTEN = "report.html, pictures, leaves.npz, forest.blend, forest.glb and preview.png"
 
@@ -64,10 +67,16 @@ class TiledRun:
     scans: dict[str, TiledScan] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
+    doubtful: list[str] = field(default_factory=list)
 
     @property
     def folder(self) -> Path:
         return self.out / FOLDER
+
+    def say_audit(self, name: str, audit: Any) -> None:
+        """Say an audit; what it doubts is an error at the end."""
+        self.stages.detail(f"{name}: {audit}")
+        self.doubtful += [] if audit.kept else [f"{name}: {audit}"]
 
     def scan(self, sensor: Any, only: np.ndarray | None = None) -> TiledScan:
         """The scan of one of its scanners."""
@@ -81,7 +90,7 @@ class TiledRun:
     def digest(self, sensor: Any) -> str:
         """Return what decides a sensor's result."""
         said = json.dumps(
-            [self.tiling.digest, dataclasses.asdict(sensor), self.tiling.scene.tiles.files],
+            [self.tiling.forest.digest, dataclasses.asdict(sensor), self.tiling.scene.tiles.files],
             sort_keys=True,
             default=str,
         )
@@ -122,8 +131,8 @@ def run_in_tiles(
     Raises
     ------
     SpecError : a scene that cannot be cut into tiles. OSError : a file could not be written; what is
-    finished is kept. IncompleteError : a tile could not be made. DoubtfulError : ``strict`` and a warning;
-    everything is written.
+    finished is kept. IncompleteError : a tile could not be made. DoubtfulError : an audit found an error
+    beyond what was allowed, or ``strict`` and a warning; everything is written.
     """
     stages = Stages(quiet)
     stages.say(f"{settings.name}, seed {settings.seed}, in tiles")
@@ -144,7 +153,7 @@ def run_in_tiles(
     if share is None:
         remove_abandoned(run.folder)
     if store is not None:
-        claim_store(store, run.resume)
+        claim_store(store, "a field in tiles", run.resume)
         if run.resume:
             fetch(store / FOLDER, run.folder)
     _say_tiles(run)
@@ -153,10 +162,6 @@ def run_in_tiles(
     for sensor in todo:
         remove(run.note(sensor.name))
         if is_scanner(sensor):
-            if sensor.receiver.sample_ns:
-                raise SpecError(
-                    "receiver.sample_ns", "tiles keep no waveforms; leave one of them out"
-                )
             run.scans[sensor.name] = scan = run.scan(sensor)
             if scan.followed:
                 stages.say(f"  {scan.followed}")
@@ -180,8 +185,9 @@ def run_in_tiles(
             if one.name.startswith(pieces):
                 one.unlink()
     stages.say(f"Done: {len(run.files)} files in {store or out}")
-    if strict and stages.warnings:
-        raise DoubtfulError(f"{'; '.join(stages.warnings)}; the results are kept in {out}")
+    doubtful = [*run.doubtful, *(stages.warnings if strict else ())]
+    if doubtful:
+        raise DoubtfulError(f"{'; '.join(doubtful)}; the results are kept in {out}")
 
 
 @dataclass(frozen=True)
@@ -243,7 +249,8 @@ def _scans_of(job: TileJob) -> list[TiledScan]:
             fetch(job.store / FOLDER, out / FOLDER, ".npz")
         with hushed():
             empty_file()
-            run = TiledRun(scene, folder, Tiling.of(scene, folder), out, Stages(True))
+            tiling = Tiling.of(scene, folder, out / FOLDER / PLAN)
+            run = TiledRun(scene, folder, tiling, out, Stages(True))
         _known[said] = [run.scan(s) for s in scene.sensors if s.name in job.sensors]
     return _known[said]
 
@@ -276,7 +283,7 @@ def _say_tiles(run: TiledRun) -> None:
     run.stages.say(
         f"  {trees:,} trees in {across} tiles of {tiles.size:g} m, each with a buffer of {tiles.buffer:g} m"
     )
-    run.stages.say(f"  Not written of a field in tiles: {NOT_WRITTEN}; no audits")
+    run.stages.say(f"  Not written of a field in tiles: {NOT_WRITTEN}")
     run.facts["tiles"] = {"count": list(tiling.grid.count), "trees": trees}
 
 
@@ -293,10 +300,12 @@ def _make_pieces(
                 make_piece(list(run.scans.values()), piece, store=run.store)
                 progress(done + 1, len(todo))
             return told
+        run.tiling.forest.keep(run.folder / PLAN)
         for scan in run.scans.values():
             scan.keep_pulses()
-            if run.store is not None:
-                put(run.folder, [scan.path_of_pulses.name], run.store / FOLDER)
+        if run.store is not None:
+            names = [scan.path_of_pulses.name for scan in run.scans.values()]
+            put(run.folder, [PLAN, *names], run.store / FOLDER)
 
         def report(outcome: SceneOutcome) -> None:
             told.append(outcome)
@@ -307,6 +316,8 @@ def _make_pieces(
         make_all(jobs_of(run, todo, cluster), cluster, report)
         if run.store is not None:
             fetch(run.store / FOLDER, run.folder)  # what workers elsewhere have made
+            (run.store / FOLDER / PLAN).unlink(missing_ok=True)
+        (run.folder / PLAN).unlink(missing_ok=True)
     lost = [one.why for one in told if one.kind != "done"]
     if lost:
         raise IncompleteError(f"{len(lost)} pieces could not be made: {lost[0]}; --resume goes on")
@@ -326,8 +337,8 @@ def jobs_of(run: TiledRun, pieces: Sequence[int], cluster: Cluster) -> list[Tile
 
 def sample_tiles(
     scene: Scene, folder: Path, share: float, cluster: Cluster, stages: Stages
-) -> TileCost:
-    """Scan some tiles of a field, by chance, in a folder that is removed.
+) -> dict[str, Any]:
+    """Scan some tiles of a field, by chance, in a folder that is removed; what all cost, with 95 % intervals.
 
     share : of all tiles, at least two.
 
@@ -357,18 +368,25 @@ def sample_tiles(
                 run.scans[sensor.name] = scan = run.scan(sensor, chosen)
             pulses += seconds_of_pulses(scan.sensor, scan.pattern, grid, run.tiling.forest.bounds)
         told = _make_pieces(run, cluster)
-        trials = []
         with stages.stage("weigh their files"):
-            for tile in chosen.tolist():
-                trials.append(
-                    _weigh(run, tile, [one for one in told if one.scene // LEVELS == tile])
-                )
-        return TileCost(Estimate(len(grid), tuple(trials), ()), plan, pulses)
+            trials = tuple(_weigh(run, tile, told) for tile in chosen.tolist())
+    found = Estimate(len(grid), trials, ())
+    return {
+        "tiles": found.count,
+        "scanned": len(found.scenes),
+        "cpu_hours": [one + (plan + pulses) / 3600 for one in found.whole(found.seconds / 3600)],
+        "bytes": found.whole(np.array([one.size for one in found.scenes])),
+        "points": found.whole(np.array([one.points for one in found.scenes])),
+        "memory_bytes_a_worker": found.peak,
+        "plan_cpu_seconds": plan,
+        "pulses_cpu_seconds": pulses,
+    }
 
 
 def _weigh(run: TiledRun, tile: int, told: Sequence[SceneOutcome]) -> Trial:
     """Cost of a tile, of which the pieces have been made: seconds of the sensors and of writing, bytes."""
     start, size, points = time.process_time(), 0, 0
+    told = [one for one in told if one.scene // LEVELS == tile]
     for scan in run.scans.values():
         parts = [scan.path(piece) for piece in scan.pulses.pieces if piece // LEVELS == tile]
         if parts:
@@ -380,35 +398,25 @@ def _weigh(run: TiledRun, tile: int, told: Sequence[SceneOutcome]) -> Trial:
     return Trial(seconds, points, size, max((one.peak for one in told), default=0.0))
 
 
-@dataclass(frozen=True)
-class TileCost:
-    """Cost of all tiles of a field as a sample of them tells it: the sample, CPU seconds in which a process
-    plans the field, and those in which all pulses are dealt to tiles."""
-
-    tiles: Estimate
-    plan: float
-    pulses: float
-
-    def record(self) -> dict[str, Any]:
-        """Numbers with their 95 % intervals, by name."""
-        found = self.tiles
-        hours = found.whole(found.seconds / 3600)
-        more = (self.plan + self.pulses) / 3600
-        return {
-            "tiles": found.count,
-            "scanned": len(found.scenes),
-            "cpu_hours": [one + more for one in hours],
-            "bytes": found.whole(np.array([one.size for one in found.scenes])),
-            "points": found.whole(np.array([one.points for one in found.scenes])),
-            "memory_bytes_a_worker": found.peak,
-            "plan_cpu_seconds_a_worker": self.plan,
-            "pulses_cpu_seconds": self.pulses,
-        }
+def _audited(run: TiledRun, scan: TiledScan) -> dict[str, Any]:
+    """The audits of some tiles of a scan, drawn by chance, by their names."""
+    pieces, sensor = scan.pulses.pieces, scan.sensor.name
+    count = min(math.ceil(run.asked.accuracy.audit * len(pieces)), MOST_AUDITED)
+    drawn = np.sort(stream(run.asked.seed, "audit", sensor).permutation(pieces)[:count])
+    with run.stages.stage(f"audit {count} of {len(pieces)} pieces of {sensor}"), hushed():
+        audits = {scan.path(piece).stem: scan.audit(piece) for piece in drawn}
+    told = {}
+    for name, audit in audits.items():
+        run.say_audit(name, audit)
+        checks = [check.record() for check in audit.checks]  # no seconds: notes are the same
+        told[name] = {"kept": audit.kept, "checks": checks}
+    return told
 
 
 def _join(run: TiledRun, scan: TiledScan) -> None:
     """One file of a scan, and its note."""
     sensor = scan.sensor
+    audits = _audited(run, scan)
     path = run.out / f"{sensor.name}.laz"
     with run.stages.stage(f"write {path.name}") as progress:
         written = scan.join(path, progress)
@@ -420,7 +428,7 @@ def _join(run: TiledRun, scan: TiledScan) -> None:
     files = [path.name] if path.is_file() else []
     files += [str(p.relative_to(run.out)) for p in sorted(path.with_suffix("").glob("*.*"))]
     facts = {"pulses": written.pulses, "points": written.points, "followed": scan.pulses.followed}
-    facts["furthest_m"] = round(scan.pulses.furthest, 3)
+    facts["furthest_m"], facts["audits"] = round(scan.pulses.furthest, 3), audits
     for lost in written.lost:
         run.stages.warn(f"{sensor.name}: lost {lost}")
     if not written.points:
@@ -434,6 +442,8 @@ def _look(run: TiledRun, sensor: Any) -> None:
         with hushed():
             world = run.tiling.hearing(sensor)
         result = world.look(sensor, progress)
+    if result.audit is not None:
+        run.say_audit(sensor.name, result.audit)
     for warning in result.warnings:
         run.stages.warn(warning)
     made = write_finding(run.out, result.sensor, result.found, Offset.of(run.tiling.scene))
@@ -456,13 +466,12 @@ def _write_stand(run: TiledRun) -> None:
         parts = (on_the_map(tree_table(part), offset) for part in tiling.forest.parts(BLOCK))
         write_csv(run.out / "trees.csv", parts)
         write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.parts(BLOCK)))
-        tiles = tiling.tiles
-        table: dict[str, list[Any]] = {"tile": [t.name for t in tiles]}
-        for end in ("low", "high"):
-            for axis, name in enumerate("xy"):
-                corner = [float(getattr(t, end)[axis]) + offset[axis] for t in tiles]
-                table[f"{end}_{name}_m"] = corner
-        table["trees"] = [t.trees for t in tiles]
+        grid = tiling.grid
+        every = np.arange(len(grid))
+        table: dict[str, Any] = {"tile": [grid.name(tile) for tile in every]}
+        for end, corner in zip(("low", "high"), grid.corners(every), strict=True):
+            table |= {f"{end}_{axis}_m": corner[:, k] + offset[k] for k, axis in enumerate("xy")}
+        table["trees"] = tiling.forest.in_tile
         write_csv(run.out / "tiles.csv", table)
     run.files += ["trees.csv", "leaf_angles.csv", "tiles.csv"]
 

@@ -208,7 +208,7 @@ INSIDE = {
     "rescattering": "forest_addon.sensing.sonar.rescattering:rescattering",
     "posed": "forest_addon.sensing.sonar.station:posed",
     "poses_of": "forest_addon.sensing.sonar.station:poses_of",
-    "ScattererPart": "forest_addon.sensing.sonar.scatterers:ScattererPart",
+    "StrengthParts": "forest_addon.sensing.sonar.scatterers:StrengthParts",
     "Equipment": "forest_addon.sensing.sonar.station:Equipment",
     "Station": "forest_addon.sensing.sonar.station:Station",
     "frame_of": "forest_addon.sensing.trajectory:frame_of",

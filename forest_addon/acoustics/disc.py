@@ -72,10 +72,15 @@ def disc_amplitudes(
     incidence: np.ndarray,
     factor: np.ndarray,
     model: str,
-    later: float = 0.0,
+    later: np.ndarray | float = 0.0,
+    side: np.ndarray | None = None,
 ) -> np.ndarray:
     """(Q, M) complex f in metres at wavenumbers (Q,) of discs (M,), times a factor (M,); incidence from 0 to
-    π/2. later : radii by which the echo's delay is taken to be later.
+    π/2. later : (M,) or one, radii by which the echo's delay is taken to be later.
+
+    side : (M,) int8, of a piston's rim the one place that sounds, without its delay: half of J₁ = Re H₁, H₁
+    the Hankel function; -1 the place nearer to the sonar, 1 the farther, both 2ka·sinβ > ``SMALLEST``; 0:
+    all of the disc.
 
     Raises
     ------
@@ -85,36 +90,36 @@ def disc_amplitudes(
     if library is None or model not in MODELS:
         k = wavenumber[:, None]
         turn = np.exp(1j * later * k * radius)
-        return backscatter_amplitude(k * radius, incidence, model) * turn * (factor / k)
+        found = backscatter_amplitude(k * radius, incidence, model) * turn * (factor / k)
+        some = np.flatnonzero(0 if side is None else side)
+        if side is not None and len(some):
+            found[:, some] = factor[some] * _rims(k, radius[some], incidence[some], side[some])
+        return np.asarray(found)
     found = np.empty((len(wavenumber), len(radius)), np.complex128)
     given = (len(wavenumber), wavenumber, len(radius), radius, incidence, factor)
     if model == "paper":
         library.paper_discs(*given, *_paper_phasors().given, found)
     elif model == "piston":
-        library.piston_discs(*given, *_hankel().given[2:], found)
+        side = np.zeros(len(radius), np.int8) if side is None else side
+        library.piston_discs(*given, side, *_hankel().given[2:], found)
     else:
-        tabulated_by_kernel(library, *given, later, found)
+        late = np.full(len(radius), later)
+        tabulated_by_kernel(library, *given, late, found)
         large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
         if len(large):
             size, some = wavenumber[:, None] * radius[large], incidence[large]
-            turn = np.exp(1j * later * size) * (factor[large] / wavenumber[:, None])
+            turn = np.exp(1j * late[large] * size) * (factor[large] / wavenumber[:, None])
             found[:, large] = _exact(size, some) * turn
     return found
 
 
-def rim_amplitudes(
-    wavenumber: np.ndarray, across: np.ndarray, level: np.ndarray, side: np.ndarray
-) -> np.ndarray:
-    """(Q, M) i·level·H₁(x)e^{-ix} at the near side (-1), its conjugate times i at the far one (1); x =
-    2k·across, ``SMALLEST`` at least; across, level, side (M,)."""
-    library = kernels.library()
-    if library is None:
-        wave = special.hankel1e(1, 2.0 * wavenumber[:, None] * across)
-        return 1j * level * np.where(side < 0, wave, np.conj(wave))
-    found = np.empty((len(wavenumber), len(across)), np.complex128)
-    given = (len(wavenumber), wavenumber, len(across), across, level, side)
-    library.piston_rims(*given, *_hankel().given[2:], found)
-    return found
+def _rims(k: np.ndarray, radius: np.ndarray, angle: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """(Q, M) i·c·H₁(x)e^{-ix} at the near side (-1), i·c times the conjugate at the far one (1), c·2J₁(x) the
+    piston's f/i."""
+    across = radius * np.sin(angle)
+    wave = special.hankel1e(1, 2.0 * k * across)
+    level = 0.25 * radius**2 * np.cos(angle) / across
+    return 1j * level * np.where(side < 0, wave, np.conj(wave))
 
 
 @lru_cache(maxsize=1)
@@ -139,11 +144,11 @@ def amplitude_bound(
 ) -> np.ndarray:
     """A bound on |f| in metres that holds for every wavenumber from ``lowest`` to ``highest`` (1/m).
 
-    radius, incidence : metres and radians, broadcasting.
+    radius, incidence : metres and radians from 0 to π/2, broadcasting.
 
     At normal incidence it also holds for every smaller radius and every other incidence.
     """
-    size, angle = np.broadcast_arrays(np.asarray(radius, dtype=np.float64), _acute(incidence))
+    size, angle = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (radius, incidence)))
     if model == "paper":
         return _paper_bound(lowest, highest, size, angle)
     if model not in MODELS:

@@ -44,7 +44,7 @@ def width_for(tolerance: float) -> int:
 class DelayGrid:
     """Collects weights at delays, for the bins k = -(count // 2) … count - count // 2 - 1.
 
-    ``spectrum`` gives Σ_i s_in·w_ir e^{-i2πk·u_i} for R columns of weights, in N sums.
+    ``spectrum`` gives Σ_r p_rk·Σ_i s_in·w_ir e^{-i2πk·u_i} for R columns of weights, in N sums.
     """
 
     def __init__(self, count: int, columns: int, width: int, sums: int = 1) -> None:
@@ -55,24 +55,23 @@ class DelayGrid:
 
     def add(
         self, turns: np.ndarray, cycles: np.ndarray, weight: np.ndarray, several: np.ndarray
-    ) -> None:
+    ) -> np.ndarray:
         """Add weights (R, M) complex at delays ``turns`` (M,), 1 the period of the bins, each turned back by
-        its cycles (M,); several : (M, N) real, of each in the sums."""
+        its cycles (M,); several : (M, N) real, of each in the sums. Returns (M,) the largest sizes of the
+        weights of each."""
         place = (turns - np.floor(turns)) * self._size  # 0 … size, both included
-        lay(self._kernel, place, cycles, weight, several, self._grid)
+        return lay(self._kernel, place, cycles, weight, several, self._grid)
 
-    def spectrum(self, number: int = 0) -> np.ndarray:
-        """(R, count) complex, of a sum."""
+    def spectrum(self, shares: np.ndarray, number: int = 0) -> np.ndarray:
+        """(count,) complex, of a sum: its columns times their shares p (R, count), added up."""
         whole = self._grid[number, :, : self._columns]
-        grid = whole[: self._size].copy()
-        grid[: len(whole) - self._size] += whole[self._size :]
-        transformed = fft.fft(np.ascontiguousarray(grid.T), axis=1, overwrite_x=True)
-        below, bins = self._count // 2, np.arange(self._count) - self._count // 2
-        share = 1.0 / self._kernel.transform(bins / self._size)
-        spectrum = np.empty((self._columns, self._count), np.complex128)
-        np.multiply(transformed[:, self._size - below :], share[:below], out=spectrum[:, :below])
-        np.multiply(transformed[:, : self._count - below], share[below:], out=spectrum[:, below:])
-        return spectrum
+        grid = np.ascontiguousarray(whole[: self._size].T)
+        grid[:, : len(whole) - self._size] += whole[self._size :].T
+        transformed = fft.fft(grid, axis=1, overwrite_x=True)
+        below = self._count // 2
+        halves = transformed[:, self._size - below :], transformed[:, : self._count - below]
+        found = np.einsum("rk,rk->k", np.concatenate(halves, axis=1), shares)
+        return np.asarray(found / self._kernel.over_bins(self._count, self._size))
 
 
 def grid_of(sums: int, points: int, columns: int) -> np.ndarray:
@@ -87,8 +86,8 @@ def lay(
     heights: np.ndarray,
     weights: np.ndarray,
     grid: np.ndarray,
-) -> None:
-    """Add echoes to N grids (N, S + width, C), of ``grid_of``.
+) -> np.ndarray:
+    """Add echoes to N grids (N, S + width, C), of ``grid_of``; returns (M,) their largest heights' sizes.
 
     place : (M,) grid points, 0 … S. cycles : (M,) that each is turned back. heights : (R, M) complex, R at
     most C. weights : (M, N) real, of each in the grids.
@@ -96,13 +95,14 @@ def lay(
     size, echoes = grid.shape[1] - chosen.width, (len(place), place, cycles, len(heights))
     library = kernels.library()
     if library is not None:
-        heights = np.ascontiguousarray(heights, np.complex128)
+        largest, heights = np.empty(len(place)), np.ascontiguousarray(heights, np.complex128)
         width, powers = chosen.polynomial.shape[::-1]
         weights = np.ascontiguousarray(weights, np.float64)
         library.lay_echoes(
-            *(*echoes, heights, len(grid), weights, width, powers, chosen.polynomial, size, grid)
+            *(*echoes, heights, len(grid), weights, width, powers, chosen.polynomial, size, grid),
+            largest,
         )
-        return
+        return largest
     first, taps = chosen.spread(place)
     points = np.where(first < 0, first + size, first)[:, None] + np.arange(chosen.width)
     ends = np.arange(0, points.size + 1, chosen.width)
@@ -110,6 +110,7 @@ def lay(
     for weight, one in zip(weights.T, grid, strict=True):
         entries = ((taps * weight).T.ravel(), points.ravel(), ends)
         one[:, : len(heights)] += sparse.csr_array(entries, (len(place), len(one))).T @ turned
+    return np.asarray(np.abs(heights).max(axis=0))
 
 
 OVERSAMPLING = 2
@@ -152,6 +153,11 @@ class Kernel:
         first = np.floor(shifted)
         taps: np.ndarray = np.polyval(self.polynomial[:, :, None], 2.0 * (shifted - first) - 1.0)
         return first.astype(np.int64), taps
+
+    @lru_cache(maxsize=64)  # noqa: B019 -- kernels are kept
+    def over_bins(self, count: int, size: int) -> np.ndarray:
+        """(count,) transform at the bins -(count // 2) … of a grid of ``size`` points."""
+        return self.transform((np.arange(count) - count // 2) / size)
 
     def transform(self, frequency: np.ndarray) -> np.ndarray:
         """Fourier transform at frequencies in cycles a grid point; complex ones are of decaying waves."""

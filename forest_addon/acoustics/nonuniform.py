@@ -29,7 +29,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.rows import distinct
 from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
 from .spectrum import delay_factors
@@ -38,6 +37,8 @@ Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 # Numbers of nodes.
 LEVELS = np.unique(np.rint(2.0 * 1.12 ** np.arange(45)).astype(np.int64))  # up to 293
+FIRST = np.searchsorted(LEVELS, np.arange(LEVELS[-1] + 2))  # of these that is no smaller
+FALLS = np.geomspace(1e-6, 1e4, 2048)  # nepers over the turn
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
 SAMPLES = 128  # echoes that are measured, and of many more
@@ -56,7 +57,7 @@ DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 15  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
-TRANSFORM = 0.6  # of the time of an amplitude, that of a bin of a transform
+TRANSFORM = 1.2  # of the time of an amplitude, that of a bin of a transform
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,8 @@ def _planned(
     level = leveled(slice(None), float(STRICTNESS[min(chosen, len(STRICTNESS) - 1)]))
     nodes = _together(level, levels, task.count)
     error, scattered = (off / (size or 1.0) for off in missed(nodes[some]))
-    plan = [(number, np.flatnonzero(nodes == number)) for number in distinct(nodes).tolist()]
+    used = np.flatnonzero(np.bincount(nodes)).tolist()
+    plan = [(number, np.flatnonzero(nodes == number)) for number in used]
     return plan, error, scattered
 
 
@@ -205,19 +207,26 @@ def _level(
 ) -> np.ndarray:
     """(M,) the first of the levels that leaves ``nepers`` less than ``scale`` of echoes, their number where
     none does."""
-    return np.asarray(np.searchsorted(levels, _nodes_for(turn, nepers - np.log(scale))))
+    nodes = np.ceil(np.minimum(_nodes_for(turn, nepers - np.log(scale)), LEVELS[-1] + 1))
+    return np.minimum(FIRST.take(nodes.astype(np.int64)), len(levels))
 
 
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
     """(M,) nodes n for which the series of e^{i·turn·x} has fallen by so much: by n·(α - tanh α) where
     cosh α = n/turn, which is turn·(α·cosh α - sinh α)."""
-    return np.asarray(turn * np.interp(np.maximum(nepers, 0.0) / turn, *_falls()))
+    fallen = np.log(np.minimum(np.maximum(nepers / turn, FALLS[0]), FALLS[-1]))
+    place = (fallen - math.log(FALLS[0])) * ((len(FALLS) - 1) / math.log(FALLS[-1] / FALLS[0]))
+    cell = place.astype(np.int64)
+    ratio, slope = _ratios()
+    return np.asarray(turn * (ratio.take(cell) + slope.take(cell) * (place - cell)))
 
 
 @lru_cache(maxsize=1)
-def _falls() -> tuple[np.ndarray, np.ndarray]:
-    alpha = np.linspace(0.0, 8.0, 1000)
-    return alpha * np.cosh(alpha) - np.sinh(alpha), np.cosh(alpha)
+def _ratios() -> tuple[np.ndarray, np.ndarray]:
+    """n/turn at ``FALLS``, and how much it grows to the next."""
+    alpha = np.linspace(0.0, 8.0, 4000)
+    ratio = np.interp(FALLS, alpha * np.cosh(alpha) - np.sinh(alpha), np.cosh(alpha))
+    return ratio, np.diff(ratio, append=ratio[-1])
 
 
 def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
@@ -279,9 +288,8 @@ class _Task:
         grid, step = self._grid(nodes, first, width), max(1, VALUES_AT_ONCE // nodes)
         for begin in range(0, len(rows), step):
             some = rows[begin : begin + step]
-            values = self.values(nodes, some)
-            self._deposit(grid, some, values, first)
-            self._interpolated += self._measure(values)
+            largest = self._deposit(grid, some, self.values(nodes, some), first)
+            self._interpolated += self._measure(largest)
         self._nodes[nodes] = self._nodes.get(nodes, 0) + len(rows)
         self._collect(grid, nodes, first)
         for block in others:
@@ -291,10 +299,8 @@ class _Task:
                 self._deposit(grid, some, self.values(nodes, some), block)
             self._collect(grid, nodes, block)
 
-    def _measure(self, values: np.ndarray) -> float:
-        """Add the sizes of amplitudes (R, m); returns their sum."""
-        square = np.square(values.real) + np.square(values.imag)
-        largest = np.sqrt(square.max(axis=0).astype(np.float64))
+    def _measure(self, largest: np.ndarray) -> float:
+        """Add sizes (m,) of amplitudes; returns their sum."""
         size = float(largest.sum())
         self._size += size
         self._squares += float(largest @ largest)
@@ -308,10 +314,12 @@ class _Task:
     def _grid(self, nodes: int, block: slice, width: int) -> DelayGrid:
         return DelayGrid(self.count, nodes, width, block.stop - block.start)
 
-    def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
-        """Lay amplitudes (R, m) times their weights down at their delays."""
-        delay = self.delay[rows]
-        grid.add(delay * self._spacing, self._middle * delay, values, self._weights[rows, block])
+    def _deposit(
+        self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice
+    ) -> np.ndarray:
+        """Lay amplitudes (R, m) times their weights down at their delays; returns (m,) their sizes."""
+        delay, weights = self.delay.take(rows), self._weights.take(rows, 0)[:, block]
+        return grid.add(delay * self._spacing, self._middle * delay, values, weights)
 
     def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
         """Add what was laid down to the sums of some weights."""
@@ -322,8 +330,7 @@ class _Task:
         ]
         spread = _lagrange(nodes, self.count, *places)
         for number in range(block.stop - block.start):
-            found = np.einsum("rk,rk->k", grid.spectrum(number), spread)
-            self._spectrum[block.start + number] += found
+            self._spectrum[block.start + number] += grid.spectrum(spread, number)
 
     def direct(self, rows: np.ndarray) -> None:
         """Add the echoes ``rows`` bin by bin."""
@@ -334,11 +341,8 @@ class _Task:
             values = np.asarray(self._amplitude(frequency, some))
             carrier = delay_factors(self._start, self._spacing, self.count, self.delay[some])
             carrier *= values
-            if self._weights.shape[1] == 1:  # a matrix product has no columns to work on here
-                self._spectrum[0] += np.einsum("km,m->k", carrier, self._weights[some, 0])
-            else:
-                self._spectrum += (carrier @ self._weights[some]).T
-            self._measure(values)
+            self._spectrum += (carrier @ self._weights[some]).T
+            self._measure(np.abs(values).max(axis=0))
             self._nodes[self.count] = self._nodes.get(self.count, 0) + len(some)
 
     def result(

@@ -17,6 +17,7 @@ from ..base.places import NO_BLENDER
 from ..formats.table import write_csv
 from ..formats.toml_file import PLATFORMS, read_scanner, scanner_names, structure
 from ..sensing.kinds import kind_of
+from ..sensing.trajectory import Trajectory
 from ..spec import Scanner, Scene, Sensor, Settings, SpecError, unknown
 from ..spec.base import typed
 
@@ -232,7 +233,6 @@ def instrument(name: str, kind: str = "", /, **settings: Any) -> Scanner:
 
 if TYPE_CHECKING:
     from ..blender.sensors.observe import Observer
-    from ..sensing.trajectory import Trajectory
 
 
 def trajectory(
@@ -257,8 +257,6 @@ def trajectory(
     (2, 2.0)
     """
     from scipy.spatial.transform import Rotation
-
-    from ..sensing.trajectory import Trajectory
 
     place = points_of("position", position)
     place = place[None] if place.ndim == 1 else place
@@ -289,7 +287,6 @@ def way_of(observer: Observer, sensor: Sensor, along: Any, folder: Path) -> Any:
     """
     if along is None:
         return observer.way(sensor, folder)
-    from ..sensing.trajectory import Trajectory
 
     if not isinstance(along, Trajectory):
         raise SpecError("along", f"takes a trajectory, not {called(along)}")

@@ -24,12 +24,16 @@ from ..base.rows import distinct
 from ..formats.foreign import library
 from ..formats.table import write_npz
 from ..results.coordinates import NO_OFFSET, Offset
+from ..results.echo_files import heard_columns, received_arrays
 from ..results.kind import Finding
 from ..results.kinds import figures_of, labelled_of, results_of, write_as
 from ..results.points import ENDINGS, ending_of, write_points
 from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
+from ..sensing.reverb.metrics import RoomMetrics, room_metrics
+from ..sensing.reverb.response import ImpulseResponse, channels_of
+from ..sensing.sonar.ping import Echo, PingSeries
 from ..spec import Choice, Sensor, SpecError
 from .given import file_to_write, path_of, points_of
 
@@ -75,21 +79,7 @@ def frame_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
     return made
 
 
-def _table_facts(sensor: Sensor, offset: Offset, seconds: float) -> dict[str, Any]:
-    """Attributes of a table: which sensor, what to add for the map, how long it took."""
-    return {
-        "sensor": sensor.name,
-        "kind": sensor.kind,
-        "offset_m": list(offset),
-        "crs": offset.crs,
-        "seconds": seconds,
-    }
-
-
 if TYPE_CHECKING:  # a sensor's physics is imported when it runs
-    from ..sensing.reverb.metrics import RoomMetrics
-    from ..sensing.reverb.response import ImpulseResponse
-    from ..sensing.sonar.ping import Echo, PingSeries
     from ..sensing.trajectory import Trajectory
 
 BAG = ".mcap"
@@ -140,7 +130,13 @@ class Result:
         return frame_of(self.sensor, self.found, self._facts())
 
     def _facts(self) -> dict[str, Any]:
-        return _table_facts(self.sensor, self.offset, self.seconds)
+        return {
+            "sensor": self.sensor.name,
+            "kind": self.sensor.kind,
+            "offset_m": list(self.offset),
+            "crs": self.offset.crs,
+            "seconds": self.seconds,
+        }
 
     def save(self, path: str | Path) -> Path:
         """Write it to a file, in the format that the ending of its name says; returns its path.
@@ -452,8 +448,6 @@ class Echoes(Result):
     @property
     def waveforms(self) -> np.ndarray:
         """(P, E, N) echoes of the call by pose and ear, re the call at 1 m."""
-        from ..sensing.sonar.ping import PingSeries
-
         return PingSeries(self.pings).stacked("waveforms")
 
     @property
@@ -462,9 +456,6 @@ class Echoes(Result):
         ``noise_level`` and ``snr_db`` (P, E), ``range`` (R,) m, ``range_snr_db`` (P, E, R), and detections by
         ``detection_ping``, ``detection_ear``, ``detection_time`` s and ``detection_snr_db``; empty without a
         receiver."""
-        from ..results.echo_files import received_arrays
-        from ..sensing.sonar.ping import PingSeries
-
         return received_arrays(PingSeries(self.pings))
 
     @property
@@ -472,8 +463,6 @@ class Echoes(Result):
         """Motion of what each ping heard, the loudest first: ``pose`` (M,) the ping's
         number, ``position`` (M, 3) m and ``velocity`` (M, 3) m/s at its time, and ``rest`` (M, 3) m, where
         each is as the scene stands still; empty for a still scene."""
-        from ..results.echo_files import heard_columns
-
         columns = heard_columns(self.found)
         names = ("pose", "position", "velocity", "rest")
         return {name: columns[name] for name in names} if "rest" in columns else {}
@@ -502,8 +491,6 @@ class Response(Result):
     @property
     def samples(self) -> np.ndarray:
         """(N,) of one channel, or (N, C), re the source's impulse at 1 m."""
-        from ..sensing.reverb.response import channels_of
-
         return channels_of(self.found)
 
     @property
@@ -514,8 +501,6 @@ class Response(Result):
     @property
     def metrics(self) -> RoomMetrics:
         """Room measures of the first channel, by band."""
-        from ..sensing.reverb.metrics import room_metrics
-
         return room_metrics(self.found.samples, self.found.sample_rate, self.found.left_db)
 
     def summary(self) -> dict[str, str]:

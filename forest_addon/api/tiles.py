@@ -10,23 +10,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from ..base.places import version
 from ..base.progress import Progress
-from ..base.rows import blocks
+from ..base.rng import stream
 from ..formats.ownership import remove
 from ..results.coordinates import Offset
 from ..results.points import COPC, records
 from ..sensing.kinds import choose, kind_of
+from ..sensing.lidar.pattern import pattern_of
 from ..sensing.rays.geometry import SceneGeometry
-from ..spec import Output, Rays, Scene, Sensor, SpecError
+from ..spec import Scene, Sensor, SpecError
 from ..stand.forest import ForestPlan, keys_of
 from ..tiles import (
     AT_ONCE,
@@ -39,6 +39,9 @@ from ..tiles import (
     buffer_of,
     is_part,
     join_parts,
+    keep_arrays,
+    kept_arrays,
+    rows_of,
     tiled_pulses,
     write_part,
 )
@@ -49,21 +52,11 @@ from .world import World
 
 if TYPE_CHECKING:
     from ..results.scan_file import Written
+    from ..sensing.audit import Audit
     from ..sensing.lidar.scan import Scan
     from ..sensing.trajectory import Trajectory
 
 PARTS = "parts"
-
-
-@dataclass(frozen=True)
-class Tile:
-    """A tile: its number and name (column-row), corners (2,) m, and how many trees are its own."""
-
-    number: int
-    name: str
-    low: np.ndarray
-    high: np.ndarray
-    trees: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +69,8 @@ class Tiling:
     >>> bush = forest.Planting(species="hazelnut", variants=1, expected=9, exact=True)
     >>> scene = forest.Scene(seed=1, plantings=(bush,), tiles=forest.Tiles(size=15, buffer=5))
     >>> tiling = forest.Tiling.of(scene)
-    >>> len(tiling.tiles), sum(tile.trees for tile in tiling.tiles)
-    (4, 9)
+    >>> len(tiling.grid), tiling.forest.in_tile.sum()
+    (4, np.int64(9))
     """
 
     site: Site
@@ -85,8 +78,10 @@ class Tiling:
     grid: TileGrid
 
     @classmethod
-    def of(cls, scene: Scene, folder: str | Path = ".") -> Self:
+    def of(cls, scene: Scene, folder: str | Path = ".", kept: Path | None = None) -> Self:
         """Plan the forest of a scene with ``[tiles]``, and grow its variants.
+
+        kept : what another process wrote of the same forest (``TiledForest.keep``), which is not found again.
 
         Raises
         ------
@@ -98,21 +93,12 @@ class Tiling:
             site = Site.of(scene, folder)
             plan = ForestPlan.of(site.scene, site.species, site.inputs)
             grid = TileGrid.of(site.scene.forest, site.scene.tiles.size)
-            return cls(site, TiledForest(plan, grid), grid)
+            return cls(site, TiledForest(plan, grid, kept), grid)
 
     @property
     def scene(self) -> Scene:
         """Return its settings."""
         return self.site.scene
-
-    @property
-    def tiles(self) -> tuple[Tile, ...]:
-        """Return all tiles, row by row from the field's corner."""
-        low, high = self.grid.corners(np.arange(len(self.grid)))
-        return tuple(
-            Tile(number, self.grid.name(number), low[number], high[number], count)
-            for number, count in enumerate(self.forest.in_tile.tolist())
-        )
 
     def build(self, tile: int, buffer: float | None = None) -> World:
         """Put a tile's trees into Blender with those whose crowns reach within its buffer.
@@ -219,7 +205,7 @@ class Tiling:
         world = World(self.scene, self.site.folder, part, place)
         observer = world.observer
         seen = observer.geometry
-        observer.geometry = replace(seen, crowd=self._crowd(seen), extent=self.extent)
+        observer.geometry = replace(seen, crowd=self._crowd(seen), extent=self.forest.extent)
         return world
 
     @property
@@ -239,28 +225,6 @@ class Tiling:
             many[mesh] = self.forest.counts[key]
         return tuple(many.tolist())
 
-    @cached_property
-    def extent(self) -> np.ndarray | None:
-        """(2, 3) lowest and highest corner of all trees' boxes; None without any."""
-        if not len(self.forest.outermost):
-            return None
-        part = self.forest.part(self.forest.outermost)
-        keys = keys_of(part.stand)
-        number = {key: k for k, key in enumerate(keys)}
-        pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
-        low, high = SceneGeometry(
-            meshes=tuple(part.variants[key].mesh for key in keys),
-            transform=part.transforms(),
-            mesh_index=np.array([number[pair] for pair in pairs]),
-            object_name=(),
-            tree=part.stand.id,
-            species=part.stand.species,
-            object_index=part.stand.id,
-            crowd=tuple(self.forest.counts[key] for key in keys),
-        ).bounds()
-        found = np.isfinite(low).all(axis=1)
-        return np.array([low[found].min(axis=0), high[found].max(axis=0)]) if found.any() else None
-
     def numbered(self, geometry: SceneGeometry) -> np.ndarray:
         """(I + 1,) numbers that instances of a tile's scene have in that of the whole; -1 of none, last."""
         trees = np.flatnonzero(geometry.tree >= 0)
@@ -273,23 +237,6 @@ class Tiling:
             number[others] += len(self.forest)
         return number
 
-    @cached_property
-    def digest(self) -> str:
-        """Return what decides what rays meet in the forest, in one number."""
-        total = hashlib.blake2b(digest_size=16)
-        rays = Rays(engine=self.scene.rays.engine)  # their number of threads decides nothing
-        tiles = self.scene.tiles.changed(files="merged")
-        scene = self.scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
-        said = [version(), asdict(scene)]
-        total.update(json.dumps(said, sort_keys=True, default=str).encode())
-        for rows in blocks(len(self.forest)):
-            stand = self.forest.stand(rows)
-            for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
-                total.update(np.ascontiguousarray(array).view(np.uint8).data)
-        for tree in self.forest.trees.values():
-            total.update(np.ascontiguousarray(tree.mesh.vertices).view(np.uint8).data)
-        return total.hexdigest()
-
 
 def _refuse(scene: Scene) -> None:
     """Say what of a scene cannot be cut into tiles."""
@@ -297,16 +244,34 @@ def _refuse(scene: Scene) -> None:
         raise SpecError(
             "tiles.size", "is 0: the field is one scene; give the length of a tile's edges"
         )
-    if scene.accuracy.detail == "auto":
-        why = "looks at all trees of a variant together, which tiles do not have"
-        raise SpecError("accuracy.detail", f'"auto" {why}; use "full"')
-    if scene.wind.speed > 0:
-        raise SpecError("wind.speed", "cannot be used with tiles; use 0, or take tiles away")
-    if scene.blend:
-        why = "cannot be used with tiles: its objects would stand in the scene of every tile"
-        raise SpecError("blend", f"{why}; take one of them away")
-    if scene.stems:
-        raise SpecError("stems", "are for reverb, which hears all of a forest; take tiles away")
+    refused = {
+        "accuracy.detail": (
+            scene.accuracy.detail == "auto",
+            '"auto" looks at all trees of a variant together, which no tile has; use "full"',
+        ),
+        "wind.speed": (
+            scene.wind.speed > 0,
+            "moves trees by the height and leaves of the whole stand, which no tile has; use 0, or take a "
+            "smaller field without tiles",
+        ),
+        "blend": (
+            bool(scene.blend),
+            "cannot be used with tiles: its objects would stand in the scene of every tile; take one of them "
+            "away",
+        ),
+        "stems": (
+            bool(scene.stems),
+            "are for reverb, which hears all trunks at once; take tiles away: a million stems are one scene",
+        ),
+    }
+    _refuse_any(refused)
+
+
+def _refuse_any(refused: Mapping[str, tuple[bool, str]]) -> None:
+    """Raise a SpecError of the first key that is asked for, with its sentence."""
+    for key, (asked, why) in refused.items():
+        if asked:
+            raise SpecError(key, why)
 
 
 class TiledScan:
@@ -328,34 +293,44 @@ class TiledScan:
         way: Trajectory | None = None,
         only: np.ndarray | None = None,
     ) -> None:
-        from ..sensing.lidar.pattern import pattern_of
-
         if not is_scanner(sensor):
             raise SpecError(getattr(sensor, "name", "scan_to"), "is no scanner; use look")
         self.tiling, self.folder, self.way = tiling, folder, way
         self.sensor, _ = choose(sensor)
         name = self.sensor.name
-        if self.sensor.motion:
-            raise SpecError(
-                f"{name}.motion", "cannot be used with tiles; take motion or tiles away"
-            )
-        if self.sensor.bounces:
-            why = "cannot be used with tiles, since light that bounces may go anywhere"
-            raise SpecError(f"{name}.bounces", f"{why}; leave out bounces, or tiles")
-        if self.sensor.receiver.beyond == "folded":
-            why = "cannot be folded with tiles, since an echo may be of a pulse in another one"
-            raise SpecError(f"{name}.receiver.beyond", f"{why}; take tiles away")
+        receiver = self.sensor.receiver
+        refused = {
+            "motion": (
+                self.sensor.motion,
+                "cannot be used with tiles, which stand still; take motion or tiles away",
+            ),
+            "bounces": (
+                self.sensor.bounces,
+                "cannot be used with tiles, since light that bounces may go anywhere; leave out bounces, "
+                "or tiles",
+            ),
+            "receiver.beyond": (
+                receiver.beyond == "folded",
+                "cannot be folded with tiles, since an echo may be of a pulse in another one; take tiles "
+                "away",
+            ),
+            "receiver.sample_ns": (
+                receiver.sample_ns > 0,
+                "cannot be used with tiles, which keep no waveforms; leave one of them out",
+            ),
+        }
+        _refuse_any({f"{name}.{key}": said for key, said in refused.items()})
         self.pattern = pattern_of(self.sensor, way)
-        said = [tiling.digest, asdict(self.sensor), tiling.scene.offset]
+        said = [tiling.forest.digest, asdict(self.sensor), tiling.scene.offset]
         total = hashlib.blake2b(json.dumps(said, sort_keys=True, default=str).encode())
         probe = self.pattern.pulses(np.linspace(0, self.pattern.count - 1, 64).astype(np.int64))
         for array in (probe.origin, probe.direction):
             total.update(np.ascontiguousarray(array).view(np.uint8).data)
         self._digest = total.hexdigest()[:32]
-        kept = None if only is not None else TiledPulses.read(self.path_of_pulses, self._digest)
-        buffer = tiling.scene.tiles.buffer
-        self.pulses: TiledPulses = kept or tiled_pulses(
-            self.sensor, self.pattern, tiling.grid, tiling.forest.bounds, buffer, only
+        kept = {} if only is not None else kept_arrays(self.path_of_pulses, self._digest)
+        known = tiling.grid, tiling.forest.bounds, tiling.scene.tiles.buffer, only
+        self.pulses: TiledPulses = (
+            TiledPulses(**kept) if kept else tiled_pulses(self.sensor, self.pattern, *known)
         )
 
     @property
@@ -365,7 +340,7 @@ class TiledScan:
 
     def keep_pulses(self) -> None:
         """Write for other processes which pulses belong to which piece."""
-        self.pulses.write(self.path_of_pulses, self._digest)
+        keep_arrays(self.path_of_pulses, self._digest, vars(self.pulses))
 
     @property
     def followed(self) -> str:
@@ -437,20 +412,50 @@ class TiledScan:
     def _look(
         self, pulses: Iterable[np.ndarray], world: World
     ) -> Iterator[tuple[int, np.ndarray, Sequence[Any]]]:
-        from ..sensing.lidar.scan import Scan
-
-        tiling = self.tiling
         with world.still() as observer:
-            observer.prepare(self.sensor, self.way)
-            scan: Scan = Scan(self.sensor, observer.eyes(self.sensor), tiling.scene.seed, self.way)
-            number = tiling.numbered(observer.geometry)
-            offset = Offset.of(tiling.scene)
+            scan, told = self._scan(observer)
             for many in pulses:
                 for first in range(0, len(many), scan.at_once):
                     some = many[first : first + scan.at_once]
                     cloud = scan.look_around_faults(some)
-                    returns = replace(cloud.returns, instance=number[cloud.returns.instance])
-                    yield len(some), records(replace(cloud, returns=returns), offset), cloud.lost
+                    yield len(some), told(cloud), cloud.lost
+
+    def _scan(self, observer: Any) -> tuple[Scan, Callable[[Any], np.ndarray]]:
+        """The scan in the scene of a tile, and what makes the records of its clouds."""
+        from ..sensing.lidar.scan import Scan
+
+        observer.prepare(self.sensor, self.way)
+        seed, offset = self.tiling.scene.seed, Offset.of(self.tiling.scene)
+        number = self.tiling.numbered(observer.geometry)
+
+        def told(cloud: Any) -> np.ndarray:
+            returns = replace(cloud.returns, instance=number[cloud.returns.instance])
+            return records(replace(cloud, returns=returns), offset)
+
+        return Scan(self.sensor, observer.eyes(self.sensor), seed, self.way), told
+
+    def audit(self, piece: int) -> Audit:
+        """Pulses of a piece that is made, looked at again: their records byte by byte ("figures"), and the
+        cloud by the exact way, as the audit of any scan.
+
+        Raises
+        ------
+        OSError : the part of the piece cannot be read.
+        """
+        from ..sensing.audit import figures, held
+        from ..sensing.lidar.audit import parts_of_scan
+
+        begin, settings = time.perf_counter(), self.tiling.scene
+        with self.world(piece).still() as observer:
+            scan, told = self._scan(observer)
+            sent = next(self.pulses.numbers(piece, AT_ONCE))
+            cloud, rows = scan.look_around_faults(sent), rows_of(self.path(piece))
+            both = rows[np.isin(rows["pulse"], sent)], told(cloud)
+            there, again = ({"records": np.frombuffer(one.tobytes(), np.uint8)} for one in both)
+            share, seconds = settings.accuracy.audit, time.perf_counter() - begin
+            parts = parts_of_scan(scan, cloud, share, observer.geometry, sent)
+            rng = stream(settings.seed, "audit", self.sensor.name, piece)
+            return held([*parts, figures(there, again)], rng, seconds)
 
     def join(
         self,

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.progress import Progress
+from ..base.rng import stream
+from ..formats.toml_file import idle_in_sensor
 from ..results.coordinates import Offset
 from ..sensing.kinds import KINDS, choose, left_out
 from ..spec import (
@@ -33,7 +35,18 @@ from ..spec import (
     Tractor,
 )
 from ..spec.base import typed
-from ..spec.choices import idle
+from ..stand.forest import (
+    NONE,
+    GrownForest,
+    PlacedTrees,
+    cylinder_table,
+    leaf_table,
+    placed_cylinders,
+    placed_leaves,
+    placed_skeleton,
+    placed_table,
+    tree_table,
+)
 from .given import (
     called,
     enough_memory,
@@ -45,16 +58,11 @@ from .given import (
 )
 from .results import Echoes, PointCloud, Response, Result, RowScan, is_scanner, result_of
 
-if TYPE_CHECKING:
-    from ..stand.forest import GrownForest, PlacedTrees
-
 Table = dict[str, np.ndarray]
 
 
 def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a tree."""
-    from ..stand.forest import placed_table, tree_table
-
     table = _both(forest, placed, tree_table, placed_table)
     numbers = [name for name in table if name.startswith("target_") or name == "in_band"]
     return table | {name: _numbers(table[name]) for name in numbers}
@@ -62,15 +70,11 @@ def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
 
 def leaves_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a leaf."""
-    from ..stand.forest import leaf_table, placed_leaves
-
     return _both(forest, placed, leaf_table, placed_leaves)
 
 
 def cylinders_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a segment of a branch."""
-    from ..stand.forest import cylinder_table, placed_cylinders
-
     return _both(forest, placed, cylinder_table, placed_cylinders)
 
 
@@ -81,8 +85,6 @@ def skeleton_in_world(forest: GrownForest | None, placed: PlacedTrees, tree: int
     ------
     SpecError : there is no tree of this number.
     """
-    from ..stand.forest import placed_skeleton
-
     rows = np.flatnonzero(forest.stand.id == tree) if forest is not None else ()
     if forest is None or not len(rows):
         row = placed.row_of(tree)
@@ -139,7 +141,6 @@ if TYPE_CHECKING:
     from ..sensing.canopy import Canopy
     from ..sensing.trajectory import Trajectory
     from ..spec import Choice
-    from ..stand.forest import GrownForest, PlacedTrees
 
 MOST_PIXELS = 8192  # along a side of a hemispherical picture
 
@@ -267,7 +268,9 @@ class World:
                 found = observer.observe(sensor, self.scene, progress, self.folder, way)
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
-            idlers = tuple(f"{sensor.name}: {sentence}" for sentence in idle(sensor))
+            idlers = tuple(
+                f"{sensor.name}: {sentence}" for sentence in idle_in_sensor(sensor, self.folder)
+            )
             warnings = (*idlers, *observer.warnings(sensor, way, self.folder))
             empty = observer.empty(sensor, self.scene, found, self.folder, way)
             warnings = (*warnings, f"{sensor.name}: {empty}") if empty else warnings
@@ -339,7 +342,6 @@ class World:
         ------
         SpecError : the world was not grown here.
         """
-        from ..base.rng import stream
         from ..sensing.trees_audit import audit_trees
 
         rng = stream(self.scene.seed, "audit", "trees")
@@ -388,7 +390,6 @@ class World:
         ------
         SpecError : these are no points.
         """
-        from ..base.rng import stream
         from ..sensing.canopy import look_up
 
         points = points_of("canopy", points)
@@ -479,7 +480,6 @@ class World:
         """Return what was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
         from ..blender.scene.meshes import has_assets
-        from ..stand.forest import NONE
 
         placed = self.observer.placed_trees if has_assets() else NONE
         return (None if len(placed) and self.forest is None else self._grown()), placed

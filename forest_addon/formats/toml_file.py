@@ -22,6 +22,7 @@ import re
 import tomllib
 import typing
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -30,6 +31,7 @@ from typing import Any, TypeVar
 from ..base.places import ASSETS, version
 from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of, unknown
 from ..spec.base import WORDS, refuse_many, refuse_unknown, shown, typed
+from ..spec.choices import idle
 from .atomic import replacing
 from .foreign import guarded
 
@@ -177,6 +179,15 @@ def settings_of(name: str, kind: str, folder: Path = Path()) -> Mapping[str, Any
     return tables[kind]
 
 
+def idle_in_sensor(sensor: Sensor, folder: Path = Path()) -> list[str]:
+    """Sentences about settings of a sensor without effect, but for those of the instrument that it is."""
+    usual = None
+    if scanner := getattr(sensor, "scanner", ""):
+        with suppress(SpecError):  # a sensor made in Python may call itself anything
+            usual = structure(settings_of(scanner, sensor.kind, folder), type(sensor))
+    return idle(sensor, usual)
+
+
 def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """One table over another, tables within them likewise."""
     both = dict(under)
@@ -215,8 +226,7 @@ def read_settings(path: Path, cls: type[T]) -> T:
     try:
         return structure(table, cls, path.parent)
     except SpecError as problem:
-        told = f"{problem.key}: {problem.problem}{later(written)}"
-        raise SpecError(str(path), told) from None
+        raise SpecError(str(path), f"{problem.key}: {problem.problem}{later(written)}") from None
 
 
 def write_settings(path: Path, settings: Settings) -> None:

@@ -11,6 +11,10 @@
 
 #ifdef _WIN32
 #define KERNEL __declspec(dllexport)
+#elif defined(__GLIBC__) && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+/* Twice in the library, and the loader takes what the CPU can run: the same operations in the same order, four at
+ * once in place of two. By gcc alone, since of clang's no symbol has the function's own name. */
+#define KERNEL __attribute__((visibility("default"), target_clones("default", "avx2")))
 #else
 #define KERNEL __attribute__((visibility("default")))
 #endif
@@ -77,33 +81,32 @@ KERNEL void send_rays(intersect1 intersect, void *tree, int64_t count, const int
  *     0 to a quarter of a turn, factor (count). The paper's phasor is looked up by the argument of its error
  *     function; exact discs in splines (_, rows) over incidence and size, whose steps (5) are those of
  *     acoustics/disc_table.py: of ka and its shift, of incidence and its shift, the last ka; the first ``margin``
- *     of either axis lie before 0. They are turned by ``later`` times ka.
- * piston_rims: i·level·H1(x)e^{-ix} at the near side (side -1) of a disc's rim, i times the conjugate at the far
- *     one (1); x = 2k·across is at least 6. across, level, side (count).
+ *     of either axis lie before 0. They are turned by ``later`` (count) times ka.
+ *     Of pistons with a side (count) that is not 0 sounds one place of the rim alone, without its delay: i·c·H1(x)e^{-ix}
+ *     at the near side (-1), i·c times its conjugate at the far one (1); c is f/i without 2J1(x), x is at least 6.
  * cylinders: the model of sensing/sonar/wood.py. radius as it is seen, phase of the sinc over k, level (count);
- *     S·e^{2ika}·(1 + ka^1.5)/ka^2 over log(1 + 2ka) up to the size ``largest``, beyond which it bends (1 complex).
+ *     S·e^{2ika}·(1 + ka^1.5)/ka^2 over log(1 + 2ka) up to the size ``largest``, beyond which it bends (1 complex),
+ *     is in tables, one after the other; wave (count) says in which. Those with an end (count) are times i/k.
  */
 KERNEL void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                         const double *incidence, const double *factor, double first, double step, int64_t cells,
                         const double *table, double *values);
 KERNEL void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                         const double *incidence, const double *factor, int64_t cells, const double *hankel,
-                         double *values);
-KERNEL void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
-                        const double *level, const double *side, int64_t cells, const double *hankel,
-                        double *values);
+                         const double *incidence, const double *factor, const int8_t *side, int64_t cells,
+                         const double *hankel, double *values);
 KERNEL void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                        const double *incidence, const double *factor, double later, const double *steps,
+                        const double *incidence, const double *factor, const double *later, const double *steps,
                         int64_t margin, int64_t rows, const float *table, double *values);
 KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                      const double *phase, const double *level, double largest, const double *bend, double first,
-                      double step, int64_t cells, const double *table, double *values);
+                      const double *phase, const double *level, const int8_t *wave, const int8_t *end,
+                      double largest, const double *bend, double first, double step, int64_t cells,
+                      const double *tables, double *values);
 
-/* Multiplies values (nodes, count) complex by level (count) times e^{sum over d of basis[d, q] term[d, i]};
- * basis (terms, nodes), term (terms, count).
+/* Multiplies values (nodes, count) complex of rows (count) by their level (all) times e^{sum over d of
+ * basis[d, q] term[d, row]}; basis (terms, nodes), term (terms, all).
  */
-KERNEL void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t terms, const double *basis,
-                         const double *term, double *values);
+KERNEL void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all, const double *level,
+                         int64_t terms, const double *basis, const double *term, double *values);
 
 /* Moves some rows of discs into the world: centre, normal (_, 3) of all, rows (count), by a transform (3, 4) that
  * turns, mirrors and scales evenly; moved, turned (count, 3).
@@ -134,10 +137,11 @@ KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const
  * taps_of    (powers, width) polynomials of the taps in twice the offset from the middle between two points,
  *            highest power first; ``width`` is at most 24
  * grid       (sums, size + width, columns) complex, added to; ``columns`` is ``nodes`` up to a multiple of 4
+ * largest    (count) size of the largest of the heights of each
  */
 KERNEL void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
                        int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
-                       int64_t size, double *grid);
+                       int64_t size, double *grid, double *largest);
 
 /* Rays of beams (B,), beam by beam, at places (S, 2) x, y across each: from start + x * exit_x + y * exit_y along
  * axis + x * turn_x + y * turn_y, all (B, 3). Writes origin and unit direction (B * S, 3). */

@@ -70,9 +70,36 @@ static inline double exponential(double x)
     return sum;
 }
 
+/* The natural logarithm of x, 1e-300 to 1e300, to rounding: the series of artanh within half a factor of two. */
+static inline double logarithm(double x)
+{
+    uint64_t bits, whole;
+    memcpy(&bits, &x, sizeof bits);
+    bits += 0x3ff0000000000000 - 0x3fe6a09e667f3bcd; /* less the root of a half: rounds to powers of two */
+    whole = (bits >> 52) | 0x4330000000000000;
+    bits = (bits & 0x000fffffffffffff) + 0x3fe6a09e667f3bcd;
+    double power, rest;
+    memcpy(&power, &whole, sizeof power);
+    memcpy(&rest, &bits, sizeof rest);
+    power -= 4503599627370496.0 + 1023.0;
+    double s = (rest - 1.0) / (rest + 1.0);
+    double y = s * s;
+    double sum = 1.0 / 21.0;
+    sum = sum * y + 1.0 / 19.0;
+    sum = sum * y + 1.0 / 17.0;
+    sum = sum * y + 1.0 / 15.0;
+    sum = sum * y + 1.0 / 13.0;
+    sum = sum * y + 1.0 / 11.0;
+    sum = sum * y + 1.0 / 9.0;
+    sum = sum * y + 1.0 / 7.0;
+    sum = sum * y + 1.0 / 5.0;
+    sum = sum * y + 1.0 / 3.0;
+    return power * 0.6931471805599453 + (2.0 * s + 2.0 * s * y * sum);
+}
+
 void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
                 int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
-                int64_t size, double *grid)
+                int64_t size, double *grid, double *largest)
 {
     int64_t columns = (nodes + TOGETHER - 1) / TOGETHER * TOGETHER;
     for (int64_t i = 0; i < count; i++) {
@@ -90,10 +117,12 @@ void lay_echoes(int64_t count, const double *place, const double *cycles, int64_
         turned_back(cycles[i], &cosine, &sine);
         if (first < 0)
             first += size;
+        double most = 0.0;
         for (int64_t begin = 0; begin < columns; begin += TOGETHER) {
             double turned[2 * TOGETHER] = {0.0};
             for (int64_t r = begin; r < nodes && r < begin + TOGETHER; r++) {
                 const double *height = heights + 2 * (r * count + i);
+                most = larger(most, height[0] * height[0] + height[1] * height[1]);
                 turned[2 * (r - begin)] = height[0] * cosine - height[1] * sine;
                 turned[2 * (r - begin) + 1] = height[0] * sine + height[1] * cosine;
             }
@@ -108,6 +137,7 @@ void lay_echoes(int64_t count, const double *place, const double *cycles, int64_
                 }
             }
         }
+        largest[i] = sqrt(most);
     }
 }
 
@@ -124,21 +154,21 @@ static inline void cubic(int64_t cells, const double *table, double place, doubl
     *imaginary = ((c[7] * x + c[5]) * x + c[3]) * x + c[1];
 }
 
-void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t terms, const double *basis,
-                  const double *term, double *values)
+void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all, const double *level, int64_t terms,
+                  const double *basis, const double *term, double *values)
 {
-    for (int64_t q = 0; q < nodes; q++) {
-        for (int64_t begin = 0; begin < count; begin += BLOCK) {
-            int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+    for (int64_t begin = 0; begin < count; begin += BLOCK) {
+        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+        for (int64_t q = 0; q < nodes; q++) {
             double *value = values + 2 * (q * count + begin);
             double exponent[BLOCK] = {0.0};
             for (int64_t d = 0; d < terms; d++)
                 for (int64_t i = 0; i < some; i++)
-                    exponent[i] += basis[d * nodes + q] * term[d * count + begin + i];
+                    exponent[i] += basis[d * nodes + q] * term[d * all + rows[begin + i]];
             for (int64_t i = 0; i < some; i++)
                 exponent[i] = exponent[i] > -700.0 ? exponent[i] : -700.0;
             for (int64_t i = 0; i < some; i++)
-                exponent[i] = level[begin + i] * exponential(exponent[i]);
+                exponent[i] = level[rows[begin + i]] * exponential(exponent[i]);
             for (int64_t i = 0; i < some; i++) {
                 value[2 * i] *= exponent[i];
                 value[2 * i + 1] *= exponent[i];
@@ -153,18 +183,21 @@ void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
 {
     for (int64_t begin = 0; begin < count; begin += BLOCK) {
         int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
-        double log_radius[BLOCK], place[BLOCK], level[BLOCK];
-        for (int64_t i = 0; i < some; i++)
-            log_radius[i] = radius[begin + i] > 0.0 ? log(radius[begin + i]) : 0.0;
+        double turn_of[BLOCK], steep_of[BLOCK], place[BLOCK], level[BLOCK]; /* the first two at 1/m */
+        for (int64_t i = 0; i < some; i++) {
+            double log_radius = logarithm(radius[begin + i] > 1e-30 ? radius[begin + i] : 1e-30);
+            turn_of[i] = 0.3999 * exponential(-0.9065 * log_radius);
+            steep_of[i] = 0.9824 * exponential(0.3523 * log_radius);
+        }
         for (int64_t q = 0; q < nodes; q++) {
             double k = wavenumber[q];
-            double log_k = log(k);
+            double turn_at = pow(k, -0.9065);
+            double steep_at = pow(k, 0.3523);
             double *value = values + 2 * (q * count + begin);
             for (int64_t i = 0; i < some; i++) {
                 double size = k * radius[begin + i];
-                double log_size = log_k + log_radius[i];
-                double turn = 0.3999 * exponential(-0.9065 * log_size) + 0.9979;
-                double steepness = 0.9824 * exponential(0.3523 * log_size) - 0.9459;
+                double turn = turn_of[i] * turn_at + 0.9979;
+                double steepness = steep_of[i] * steep_at - 0.9459;
                 double angle = incidence[begin + i];
                 double cosine, sine;
                 place[i] = (steepness * (QUARTER - angle) - first) / step;
@@ -208,59 +241,35 @@ static inline double jinc(int64_t cells, const double *table, double x)
 }
 
 void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                  const double *incidence, const double *factor, int64_t cells, const double *table,
-                  double *values)
+                  const double *incidence, const double *factor, const int8_t *side, int64_t cells,
+                  const double *table, double *values)
 {
-    for (int64_t i = 0; i < count; i++) {
-        double across = 2.0 * radius[i] * sin(incidence[i]);
-        double face = 0.5 * radius[i] * radius[i] * cos(incidence[i]) * factor[i];
+    for (int64_t begin = 0; begin < count; begin += BLOCK) {
+        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+        double across[BLOCK], face[BLOCK];
+        for (int64_t i = 0; i < some; i++) {
+            double sine, cosine;
+            turned_back(-incidence[begin + i] / TURN, &cosine, &sine);
+            across[i] = 2.0 * radius[begin + i] * sine;
+            face[i] = 0.5 * radius[begin + i] * radius[begin + i] * cosine * factor[begin + i];
+        }
         for (int64_t q = 0; q < nodes; q++) {
-            double *value = values + 2 * (q * count + i);
-            value[0] = 0.0;
-            value[1] = face * wavenumber[q] * jinc(cells, table, wavenumber[q] * across);
+            double *value = values + 2 * (q * count + begin);
+            for (int64_t i = 0; i < some; i++) {
+                double x = wavenumber[q] * across[i];
+                double level = face[i] * wavenumber[q];
+                double real = 0.0, imaginary = 0.0;
+                if (side[begin + i] == 0) {
+                    value[2 * i] = 0.0;
+                    value[2 * i + 1] = level * jinc(cells, table, x);
+                    continue;
+                }
+                hankel(cells, table, x, &real, &imaginary);
+                value[2 * i] = side[begin + i] * (level / x) * imaginary;
+                value[2 * i + 1] = level / x * real;
+            }
         }
     }
-}
-
-void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
-                 const double *level, const double *side, int64_t cells, const double *table, double *values)
-{
-    for (int64_t q = 0; q < nodes; q++) {
-        for (int64_t i = 0; i < count; i++) {
-            double real, imaginary;
-            hankel(cells, table, 2.0 * wavenumber[q] * across[i], &real, &imaginary);
-            double *value = values + 2 * (q * count + i);
-            value[0] = side[i] * level[i] * imaginary;
-            value[1] = level[i] * real;
-        }
-    }
-}
-
-/* The natural logarithm of x, 1e-300 to 1e300, to rounding: the series of artanh within half a factor of two. */
-static inline double logarithm(double x)
-{
-    uint64_t bits, whole;
-    memcpy(&bits, &x, sizeof bits);
-    bits += 0x3ff0000000000000 - 0x3fe6a09e667f3bcd; /* less the root of a half: rounds to powers of two */
-    whole = (bits >> 52) | 0x4330000000000000;
-    bits = (bits & 0x000fffffffffffff) + 0x3fe6a09e667f3bcd;
-    double power, rest;
-    memcpy(&power, &whole, sizeof power);
-    memcpy(&rest, &bits, sizeof rest);
-    power -= 4503599627370496.0 + 1023.0;
-    double s = (rest - 1.0) / (rest + 1.0);
-    double y = s * s;
-    double sum = 1.0 / 21.0;
-    sum = sum * y + 1.0 / 19.0;
-    sum = sum * y + 1.0 / 17.0;
-    sum = sum * y + 1.0 / 15.0;
-    sum = sum * y + 1.0 / 13.0;
-    sum = sum * y + 1.0 / 11.0;
-    sum = sum * y + 1.0 / 9.0;
-    sum = sum * y + 1.0 / 7.0;
-    sum = sum * y + 1.0 / 5.0;
-    sum = sum * y + 1.0 / 3.0;
-    return power * 0.6931471805599453 + (2.0 * s + 2.0 * s * y * sum);
 }
 
 /* The four cardinal cubic splines at t, from 0 to 1. */
@@ -282,7 +291,7 @@ static inline void mixed(const float *column, int64_t rows, const float *weight,
 }
 
 void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-                 const double *incidence, const double *factor, double later, const double *steps,
+                 const double *incidence, const double *factor, const double *later, const double *steps,
                  int64_t margin, int64_t rows, const float *table, double *values)
 {
     for (int64_t i = 0; i < count; i++) {
@@ -322,7 +331,7 @@ void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
                 double square = size[q] * size[q];
                 double level = square * size[q] / sqrt(4.0 + square) * factor[i] / wavenumber[begin + q];
                 double cosine, sine;
-                turned_back(-later * size[q] / TURN, &cosine, &sine);
+                turned_back(-later[i] * size[q] / TURN, &cosine, &sine);
                 double turned = level * (real[q] * cosine - imaginary[q] * sine);
                 imaginary[q] = level * (real[q] * sine + imaginary[q] * cosine);
                 real[q] = turned;
@@ -336,10 +345,11 @@ void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
 }
 
 void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
-               const double *phase, const double *level, double largest, const double *bend, double first,
-               double step, int64_t cells, const double *table, double *values)
+               const double *phase, const double *level, const int8_t *wave, const int8_t *end, double largest,
+               const double *bend, double first, double step, int64_t cells, const double *tables, double *values)
 {
     for (int64_t i = 0; i < count; i++) {
+        const double *table = tables + 8 * cells * wave[i];
         for (int64_t begin = 0; begin < nodes; begin += BLOCK) {
             int64_t some = nodes - begin < BLOCK ? nodes - begin : BLOCK;
             const double *k = wavenumber + begin;
@@ -366,8 +376,9 @@ void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const dou
                 real[q] = mixed;
             }
             for (int64_t q = 0; q < some; q++) {
-                values[2 * ((begin + q) * count + i)] = real[q];
-                values[2 * ((begin + q) * count + i) + 1] = imaginary[q];
+                double *value = values + 2 * ((begin + q) * count + i);
+                value[0] = end[i] ? -imaginary[q] / k[q] : real[q];
+                value[1] = end[i] ? real[q] / k[q] : imaginary[q];
             }
         }
     }

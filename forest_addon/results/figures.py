@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
-
-if TYPE_CHECKING:
-    from ..stand.forest import GrownForest
+from ..stand.forest import GrownForest
 
 
 @dataclass(frozen=True)

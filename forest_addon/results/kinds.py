@@ -9,12 +9,15 @@ from __future__ import annotations
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import kernels
+from ..base.labels import Labels
 from ..formats.atomic import write_whole
+from ..formats.table import write_csv, write_npz
+from ..sensing.kind import Seen
 from ..spec import Scene, Sensor, SpecError
 from .coordinates import FILE, NO_OFFSET, Offset
 from .figures import Figure, numbers
@@ -24,10 +27,6 @@ from .reverb import REVERB
 from .scanner import SCANNER
 from .sonar import SONAR
 from .tractor import TRACTOR
-
-if TYPE_CHECKING:
-    from ..base.labels import Labels
-    from ..sensing.kind import Seen
 
 # Files and folders of a run, and of a scene of a dataset, that are no sensor's.
 OF_SCENE = (
@@ -116,7 +115,8 @@ def write_finding(
     if write is not None:
         return write(folder, sensor, found, offset)
     path = folder / f"{sensor.name}.npz"
-    _write_arrays(path, sensor, found)
+    record = results_of(sensor)
+    write_npz(path, _arrays(record, found), dict(record.units))
     return [path]
 
 
@@ -144,41 +144,23 @@ def write_as(
     if record.save is not None:
         record.save(path, sensor, found, offset, labels)
     elif ending == ".csv":
-        _write_table(path, sensor, found)
+        # Write arrays of one length as columns; (N, K) becomes K columns
+        columns: dict[str, list[Any]] = {}
+        for name, array in _arrays(results_of(sensor), found).items():
+            rows = np.atleast_1d(array)
+            if rows.ndim == 1:
+                columns[name] = rows.tolist()
+            else:
+                parts = rows.reshape(len(rows), -1).T
+                columns |= {f"{name}_{number}": part.tolist() for number, part in enumerate(parts)}
+        write_csv(path, columns)
     else:
-        _take_file(path, sensor, found, offset)
-
-
-def _write_arrays(path: Path, sensor: Sensor, found: Finding) -> None:
-    from ..formats.table import write_npz
-
-    record = results_of(sensor)
-    write_npz(path, _arrays(record, found), dict(record.units))
-
-
-def _write_table(path: Path, sensor: Sensor, found: Finding) -> None:
-    """Write arrays of one length as columns; (N, K) becomes K columns."""
-    from ..formats.table import write_csv
-
-    columns: dict[str, list[Any]] = {}
-    for name, array in _arrays(results_of(sensor), found).items():
-        rows = np.atleast_1d(array)
-        if rows.ndim == 1:
-            columns[name] = rows.tolist()
-        else:
-            parts = rows.reshape(len(rows), -1).T
-            columns |= {f"{name}_{number}": part.tolist() for number, part in enumerate(parts)}
-    write_csv(path, columns)
+        with tempfile.TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
+            written = write_finding(Path(folder), replace(sensor, name="result"), found, offset)
+            (one,) = (file for file in written if file.name == f"result{path.suffix.lower()}")
+            write_whole(path, one.read_bytes())
 
 
 def _arrays(record: ResultKind, found: Finding) -> dict[str, np.ndarray]:
     assert record.arrays is not None, "a kind of result without write needs arrays"
     return record.arrays(found)
-
-
-def _take_file(path: Path, sensor: Sensor, found: Finding, offset: Offset) -> None:
-    """Write the file of this ending among those that a run writes."""
-    with tempfile.TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
-        written = write_finding(Path(folder), replace(sensor, name="result"), found, offset)
-        (one,) = (file for file in written if file.name == f"result{path.suffix.lower()}")
-        write_whole(path, one.read_bytes())

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..base.labels import Labels
+from ..base.rng import stream
 from ..base.words import keep
 from ..drawing.strips import Plot, sound_plot
+from ..formats.sofa import write_responses
+from ..formats.table import write_csv, write_npz
+from ..formats.wav import write_wav
+from ..sensing.kind import Seen
+from ..sensing.reverb.auralise import auralise, background, resample
+from ..sensing.reverb.forest.surroundings import terms_of
+from ..sensing.reverb.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
+from ..sensing.reverb.model_error import ModelError
+from ..sensing.reverb.moving import heard_moving, moves
+from ..sensing.reverb.response import ImpulseResponse, channels_of
+from ..spec import Reverb
 from .coordinates import Offset
 from .figures import Figure, numbers, sound_columns, words
 from .kind import ResultKind, Variables
-
-if TYPE_CHECKING:
-    from ..base.labels import Labels
-    from ..sensing.kind import Seen
-    from ..sensing.reverb.model_error import ModelError
-    from ..sensing.reverb.response import ImpulseResponse
-    from ..spec import Reverb
 
 SHOWN_CHANNELS = 8  # whose names are listed
 
@@ -31,13 +36,18 @@ def _figures(reverb: Reverb, response: ImpulseResponse, seen: Seen | None) -> li
         from ..sensing.reverb.kind import trunks_of
 
         trunks = len(trunks_of(seen, reverb).radius)
-    return [*of_response(response, trunks), *_of_model(reverb, response)]
+    held, missing = terms_of(reverb, response.stand)
+    name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
+    return [
+        *of_response(response, trunks),
+        numbers("model", "", name),
+        numbers("in the model", "", "; ".join(held)),
+        numbers("not in the model", "", "; ".join(missing)),
+    ]
 
 
 def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Figure]:
     """Measures are those of the first channel."""
-    from ..sensing.reverb.metrics import room_metrics
-
     channels = response.channels
     listed = ", ".join(channel.channel for channel in channels[:SHOWN_CHANNELS])
     if len(channels) > SHOWN_CHANNELS:
@@ -79,21 +89,7 @@ def _of_tail(error: np.ndarray | None, band: np.ndarray) -> Iterator[Figure]:
             "standard error of the tail's level by octave", band, np.append(np.nan, error), "dB", 1
         )
         worst = int(np.nanargmax(error))
-        said = f"{error[worst]:.1f} dB at {band[1 + worst]:g} Hz"
-        yield numbers("", "Tail Error", said)
-
-
-def _of_model(reverb: Reverb, response: ImpulseResponse) -> list[Figure]:
-    """Return what is in the model, and what is not."""
-    from ..sensing.reverb.forest.surroundings import terms_of
-
-    held, missing = terms_of(reverb, response.stand)
-    name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
-    return [
-        numbers("model", "", name),
-        numbers("in the model", "", "; ".join(held)),
-        numbers("not in the model", "", "; ".join(missing)),
-    ]
+        yield numbers("", "Tail Error", f"{error[worst]:.1f} dB at {band[1 + worst]:g} Hz")
 
 
 def _by_octave(name: str, band: np.ndarray, value: np.ndarray, unit: str, digits: int) -> Figure:
@@ -245,11 +241,22 @@ def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Off
 def _save(
     path: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset, _labels: Labels | None
 ) -> None:
-    from ..formats.table import write_csv
-    from ..sensing.reverb.response import channels_of
-
     if path.suffix.lower() == ".sofa":
-        _write_sofa(path, reverb, response)
+        # Measurements source by source and moment by moment, by receivers.
+        channels = response.channels
+        rows: dict[tuple, list[ImpulseResponse]] = {}
+        for one in channels:
+            rows.setdefault((one.at if one.at == one.at else None, one.source), []).append(one)
+        table = list(rows.values())
+        write_responses(
+            path,
+            np.array([[one.samples for one in row] for row in table]),
+            response.sample_rate,
+            np.array([row[0].source for row in table]),
+            np.array([[one.receiver for one in row] for row in table]),
+            reverb.name,
+            [one.channel.split(" to ", 1)[1] for one in table[0]],
+        )
     elif path.suffix.lower() == ".csv":
         samples = np.atleast_2d(channels_of(response).T)
         write_csv(path, sound_columns(samples, response.sample_rate))
@@ -260,9 +267,6 @@ def _save(
 
 
 def _write_sound(path: Path, response: ImpulseResponse) -> None:
-    from ..formats.wav import write_wav
-    from ..sensing.reverb.response import channels_of
-
     write_wav(path, channels_of(response), response.sample_rate)
 
 
@@ -271,11 +275,6 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
 
     Arrays of measures are (C, B): by channel and by band, 0 Hz for the whole band.
     """
-    from dataclasses import fields
-
-    from ..formats.table import write_npz
-    from ..sensing.reverb.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
-
     channels = found.channels
     measures = [
         room_metrics(channel.samples, found.sample_rate, channel.left_db) for channel in channels
@@ -324,8 +323,6 @@ def _plot(_reverb: Reverb, response: ImpulseResponse) -> Plot:
 
 
 def _sound(_reverb: Reverb, response: ImpulseResponse) -> tuple[np.ndarray, float]:
-    from ..sensing.reverb.response import channels_of
-
     return channels_of(response), response.sample_rate
 
 
@@ -336,11 +333,6 @@ def wet_sound_of(
 
     Where source or receiver move, C are the channels of one moment, and the sound begins when the path does.
     """
-    from ..base.rng import stream
-    from ..sensing.reverb.auralise import auralise, background, resample
-    from ..sensing.reverb.moving import heard_moving, moves
-    from ..sensing.reverb.response import channels_of
-
     rate = response.sample_rate
     mono = np.asarray(dry, np.float64)
     mono = resample(mono.mean(axis=1) if mono.ndim == 2 else mono, dry_rate, rate)
@@ -357,29 +349,7 @@ def wet_sound_of(
     return heard, rate
 
 
-def _write_sofa(path: Path, reverb: Reverb, response: ImpulseResponse) -> None:
-    """Write measurements, source by source and moment by moment, by receivers."""
-    from ..formats.sofa import write_responses
-
-    channels = response.channels
-    rows: dict[tuple, list[ImpulseResponse]] = {}
-    for one in channels:
-        rows.setdefault((one.at if one.at == one.at else None, one.source), []).append(one)
-    table = list(rows.values())
-    write_responses(
-        path,
-        np.array([[one.samples for one in row] for row in table]),
-        response.sample_rate,
-        np.array([row[0].source for row in table]),
-        np.array([[one.receiver for one in row] for row in table]),
-        reverb.name,
-        [one.channel.split(" to ", 1)[1] for one in table[0]],
-    )
-
-
 def _labelled(response: ImpulseResponse) -> tuple[Variables, Variables]:
-    from ..sensing.reverb.response import channels_of
-
     samples = channels_of(response)
     samples = samples[:, None] if samples.ndim == 1 else samples
     names = np.array([channel.channel for channel in response.channels])

@@ -67,8 +67,7 @@ class ScanState:
     def write(self, path: Path) -> None:
         """Write it as JSON."""
         with replacing(path) as partial:
-            text = json.dumps(dataclasses.asdict(self)) + "\n"
-            partial.write_text(text, encoding="utf-8")
+            partial.write_text(json.dumps(dataclasses.asdict(self)) + "\n", encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -204,8 +203,7 @@ def _digest(scan: Scan, seed: int, offset: Offset) -> str:
     """Return what decides the bytes of a scan, in one number: settings, seed, scene, engine."""
     total = hashlib.blake2b(digest_size=16)
     settings = dataclasses.asdict(scan.scanner)
-    said = json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True)
-    total.update(said.encode())
+    total.update(json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True).encode())
     total.update(scene_digest(scan.caster.scene))
     probe = scan.pattern.pulses(np.linspace(0, scan.pulses - 1, 64).astype(np.int64))
     for array in (probe.origin, probe.direction):  # where an object that is followed goes

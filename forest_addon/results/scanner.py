@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..base.rows import distinct
 from ..base.words import keep
 from ..drawing.strips import Axis, Plot, by_distance, from_above
+from ..sensing.kind import Seen
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.glance import range_image
 from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .points import ENDINGS, WAVEFORMS, write_points
+from .points import ENDINGS, UNITS, WAVEFORMS, records, write_points
 
 THIRDS = 3  # of the heights of what moves
-
-if TYPE_CHECKING:
-    from ..base.labels import Labels
-    from ..sensing.kind import Seen
-    from ..sensing.lidar.cloud import Cloud
 
 
 def _figures(scanner: Scanner, cloud: Cloud, _seen: Seen | None) -> list[Figure]:
@@ -99,14 +96,6 @@ def _of_tops(tree: np.ndarray, height: np.ndarray, away: np.ndarray) -> list[Fig
     return [numbers("trees' highest points off their rest", "Tops Off Rest", said)]
 
 
-def _sentence(cloud: Cloud) -> str:
-    return keep("{count:,} points", count=len(cloud))
-
-
-def _title(scanner: Any) -> str:
-    return f"{scanner.kind.title()} LiDAR: {scanner.name}"
-
-
 def _story(scanner: Scanner, cloud: Cloud) -> str:
     spacing = f" every {scanner.angle_step_deg:g}°" if isinstance(scanner, Terrestrial) else ""
     instrument = f" by {scanner.scanner}" if scanner.scanner else ""
@@ -130,23 +119,12 @@ def _write(folder: Path, scanner: Scanner, cloud: Cloud, offset: Offset) -> list
     return [path] if cloud.waves is None else [path, path.with_suffix(WAVEFORMS)]
 
 
-def _save(
-    path: Path, _scanner: Scanner, cloud: Cloud, offset: Offset, labels: Labels | None
-) -> None:
-    write_points(path, cloud, offset, labels)
-
-
-def _points(_scanner: Scanner, cloud: Cloud) -> Cloud:
-    return cloud
-
-
 def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
     """Points as an image: from a tripod by azimuth and elevation, else from above; None without points."""
     if not len(cloud):
         return None
     if not isinstance(scanner, Terrestrial):
         return from_above(cloud.position)
-    from ..sensing.lidar.glance import range_image
 
     distance = range_image(cloud, scanner)
     (west, east), (low, high) = scanner.azimuth_deg, scanner.elevation_deg
@@ -164,8 +142,6 @@ def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
 
 
 def _labelled(cloud: Cloud) -> tuple[Variables, Variables]:
-    from .points import UNITS, records
-
     rows = records(cloud)
     return {
         name: (("point",), rows[name].copy(), UNITS.get(name, ""))
@@ -176,15 +152,15 @@ def _labelled(cloud: Cloud) -> tuple[Variables, Variables]:
 SCANNER = ResultKind(
     figures=_figures,
     labelled=_labelled,
-    sentence=_sentence,
-    title=_title,
+    sentence=lambda cloud: keep("{count:,} points", count=len(cloud)),
+    title=lambda scanner: f"{scanner.kind.title()} LiDAR: {scanner.name}",
     story=_story,
     notes=_notes,
     files=(".laz", ""),
     write=_write,
     endings=ENDINGS,
-    save=_save,
+    save=lambda path, _, *found: write_points(path, *found),
     plot=cloud_plot,
-    points=_points,
+    points=lambda _, cloud: cloud,
     is_cloud=True,
 )

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..base.labels import Labels
 from ..base.words import keep
 from ..drawing.strips import Plot, sound_plot
+from ..formats.table import write_csv
+from ..sensing.kind import Seen
+from ..sensing.sonar.ping import Echo, PingSeries
+from ..sensing.sonar.receiver import Reception
+from ..sensing.sonar.rescattering import DENSE, LEAVES, density_of, nearest_leaves
+from ..spec import Sonar, SonarReceiver
 from .coordinates import Offset
+from .echo_files import (
+    received_arrays,
+    recorded_unit,
+    sound_of,
+    write_echo,
+    write_echo_arrays,
+    write_echo_sound,
+)
 from .figures import Figure, numbers, sound_columns, words
 from .kind import Finding, ResultKind, Variables
-
-if TYPE_CHECKING:
-    from ..base.labels import Labels
-    from ..sensing.kind import Seen
-    from ..sensing.sonar.ping import Contributions, Echo, PingSeries
-    from ..sensing.sonar.receiver import Reception
-    from ..spec import Sonar, SonarReceiver
-
 
 REFERENCE = 20e-6  # Pa, of levels of pressure
 
@@ -169,8 +176,6 @@ def _doubts(sonar: Sonar, found: Finding) -> tuple[str, ...]:
 
 def _doubts_about_density(found: Finding) -> tuple[str, ...]:
     """Return that leaves near the beam's axis are too dense for echoes of single leaves."""
-    from ..sensing.sonar.rescattering import DENSE, LEAVES, density_of, nearest_leaves
-
     leaves = nearest_leaves((loudest(found) if _is_flight(found) else found).groups)
     if leaves is None or len(leaves) < LEAVES or density_of(leaves) < DENSE:
         return ()
@@ -217,30 +222,23 @@ def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
     )
     receiver = sonar.receiver
     if receiver is not None and receiver.ambient != "none":
-        yield _ambient_in_words(receiver)
+        sources = {
+            "wind": "wind in vegetation by Boersma 1997, measured over grassland up to 20 kHz",
+            "insects": "insects of a tropical night by Schmidt & Römer 2011, up to 80 kHz",
+            "rain": "rain at the level that is given, up to 20 kHz",
+        }
+        yield (
+            f"Noise of {sources[receiver.ambient]}; above, 6 dB less an octave is an assumption."
+        )
     yield f"{summed}; what is left out as too weak adds at most {bound:.1e} of them."
     yield shade.get(sonar.shading, both)
 
 
-def _ambient_in_words(receiver: SonarReceiver) -> str:
-    sources = {
-        "wind": "wind in vegetation by Boersma 1997, measured over grassland up to 20 kHz",
-        "insects": "insects of a tropical night by Schmidt & Römer 2011, up to 80 kHz",
-        "rain": "rain at the level that is given, up to 20 kHz",
-    }
-    return f"Noise of {sources[receiver.ambient]}; above, 6 dB less an octave is an assumption."
-
-
 def _write(folder: Path, sonar: Sonar, found: Finding, offset: Offset) -> list[Path]:
-    from .echo_files import write_echo
-
     return write_echo(folder, sonar.name, found, sonar, offset)
 
 
 def _save(path: Path, sonar: Sonar, found: Finding, offset: Offset, _labels: Labels | None) -> None:
-    from ..formats.table import write_csv
-    from .echo_files import write_echo_arrays, write_echo_sound
-
     if path.suffix.lower() == ".csv":
         write_csv(path, _columns(found))
     elif path.suffix.lower() == ".wav":
@@ -265,20 +263,7 @@ def _plot(_sonar: Sonar, found: Finding) -> Plot:
     return sound_plot(found.heard_waveforms[0], found.sample_rate)
 
 
-def _marks(found: Finding) -> Contributions | None:
-    return None if _is_flight(found) else found.heard
-
-
-def _sound(sonar: Sonar, found: Finding) -> tuple[np.ndarray, float]:
-    from .echo_files import sound_of
-
-    return sound_of(found, sonar.time_expansion)
-
-
 def _labelled(found: Finding) -> tuple[Variables, Variables]:
-    from ..sensing.sonar.ping import PingSeries
-    from .echo_files import received_arrays, recorded_unit
-
     pings, dims = PingSeries(_echoes(found)), ("ping", "ear", "time")
     unit = "re the call at 1 m"
     place, _ = pings.poses()
@@ -311,6 +296,6 @@ SONAR = ResultKind(
     endings=(".wav", ".npz", ".csv"),
     save=_save,
     plot=_plot,
-    marks=_marks,
-    sound=_sound,
+    marks=lambda found: None if _is_flight(found) else found.heard,
+    sound=lambda sonar, found: sound_of(found, sonar.time_expansion),
 )

@@ -203,16 +203,22 @@ def applies(group: Any, name: str) -> bool:
     return value in values
 
 
-def idle(group: Settings) -> list[str]:
-    """Sentences about settings of a group and of those in it: given, and without effect beside others."""
+def idle(group: Settings, usual: Any = None) -> list[str]:
+    """Sentences about settings of a group and of those in it: given, and without effect beside others.
+
+    usual : settings that nobody gave, as an instrument's own, in place of the defaults. What is switched off
+    where what it needs is left out is as it was meant.
+    """
     said = []
     for field in fields(group):  # type: ignore[arg-type]
-        value = getattr(group, field.name)
-        if value != field.default and not applies(group, field.name):
-            other, values = need_of(group, field.name) or ("", ())
+        value, own = getattr(group, field.name), getattr(usual, field.name, field.default)
+        other, values = need_of(group, field.name) or ("", ())
+        off = values in ((GIVEN,), (MORE_THAN_ONE,)) and value in (0, "", (), (0, 0))
+        if value != own and not off and not applies(group, field.name):
             said.append(_idle(field.name, other, values, getattr(group, other)))
         elif isinstance(value, Settings):
-            said += [f"{field.name}.{sentence}" for sentence in idle(value)]
+            inner = idle(value, None if usual is None else own)
+            said += [f"{field.name}.{sentence}" for sentence in inner]
     return said
 
 

@@ -274,13 +274,12 @@ class Planting(Settings):
         drawn = self.layout in ("poisson", "clusters", "strauss")
         if self.exact and self.layout in ("clusters", "strauss"):
             raise SpecError("exact", f"cannot be used with {self.layout}; remove it")
-        if drawn and not (self._has_intensity() or self._is_scaled()):
+        if drawn and not (
+            self._has_intensity() or (self.expected is not None or self.density is not None)
+        ):
             raise SpecError("expected", "is needed where there are no gaussians; give a number")
         if self.layout == "list" and bool(self.trees) == bool(self.collection):
             raise SpecError("trees", "a list needs a file in trees, or else a collection; give one")
-
-    def _is_scaled(self) -> bool:
-        return self.expected is not None or self.density is not None
 
     def _has_intensity(self) -> bool:
         added = any(raster.use == "add" for raster in self.rasters)

@@ -87,15 +87,20 @@ def _drop(handlers: list, handler: Callable[..., object]) -> None:
         handlers.remove(handler)
 
 
-def _classes() -> tuple[type, ...]:
-    """Return the classes of Blender's kinds in every room: those that it made, then those in its text."""
-    found: list[type] = []
+def _classes() -> list[type]:
+    """Return the classes of Blender's kinds in every room: those that it made, then those in its text.
+
+    The operator FOREST_OT_NAME is called forest.NAME.
+    """
+    found: dict[type, None] = {}
     for room in _rooms():
-        found += getattr(room, "CLASSES", ())
-        for name, cls in vars(room).items():
-            if name.startswith("FOREST_") and cls.__module__ == room.__name__ and cls not in found:
-                found.append(cls)
-    return tuple(found)
+        own = [c for n, c in vars(room).items() if n.startswith("FOREST_")]
+        own = [*getattr(room, "CLASSES", ()), *(c for c in own if c.__module__ == room.__name__)]
+        found |= dict.fromkeys(own)
+    for cls in found:
+        if cls.__name__.startswith("FOREST_OT_"):
+            cls.bl_idname = cls.__name__.replace("FOREST_OT_", "forest.")
+    return list(found)
 
 
 ROOMS = (

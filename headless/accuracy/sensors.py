@@ -504,8 +504,7 @@ def sweep_reverb(
     near = hear(rescattering=NEAREST, duration=part)[0].model_error
     model = None
     if near is not None and len(near.trunks):
-        words = f"single against multiple scattering by {len(near.trunks)} trunks"
-        model = (near.relative, words)
+        model = (near.relative, f"single against multiple scattering by {len(near.trunks)} trunks")
     notes = [f"exact: the direct sum over the first {part:.2f} s of {length:.2f} s"]
     others = [point(tolerance) for tolerance in TOLERANCES if tolerance != sensor.tolerance]
     now = point(sensor.tolerance)

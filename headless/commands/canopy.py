@@ -49,13 +49,21 @@ def look_up_in(
     SpecError : the scene, a point or the grid cannot be used.
     OSError : a file could not be written.
     """
-
     settings = read_scene(scene, seed)
     folder = scene.resolve().parent
     refuse_beyond("--grid", grid, 1, MOST)
     places = [_point(text) for text in at] or _grid(settings, grid)
     site = Site.of(settings, folder)
-    points = _on_ground(site, places, height)
+    # (N, 3) places, those without a height so high above the ground
+    flat = np.array([place[:2] for place in places])
+    ground = site.ground.height(flat)
+    if not np.isfinite(ground).all():
+        x, y = flat[int(np.argmin(np.isfinite(ground)))]
+        raise SpecError("--at", f"there is no ground at ({x:g}, {y:g}) m; choose another point")
+    own = [
+        place[2] if len(place) == 3 else z + height for place, z in zip(places, ground, strict=True)
+    ]
+    points = np.column_stack([flat, own])
     world = site.build(site.grow())
     seen = world.canopy(points)
     out.mkdir(parents=True, exist_ok=True)
@@ -95,7 +103,6 @@ def draw_hemispheres(
     pictures: Sequence[np.ndarray], points: np.ndarray, seen: Canopy, path: Path
 ) -> Path:
     """The pictures side by side, and the gap fraction over the zenith angle."""
-
     count = len(pictures) + 1
     columns = math.ceil(math.sqrt(count))
     rows = math.ceil(count / columns)
@@ -127,21 +134,6 @@ def _point(text: str) -> tuple[float, ...]:
 
 def _grid(settings: Scene, side: int) -> list[tuple[float, ...]]:
     """Points over the middle of the field."""
-
     low, size = np.array(settings.forest.origin), np.array(settings.forest.size)
     share = 0.5 + INNER * ((np.arange(side) + 0.5) / side - 0.5)
     return [tuple((low + size * (x, y)).tolist()) for y in share for x in share]
-
-
-def _on_ground(site: Site, places: Sequence[tuple[float, ...]], height: float) -> np.ndarray:
-    """(N, 3) places, those without a height so high above the ground."""
-
-    flat = np.array([place[:2] for place in places])
-    ground = site.ground.height(flat)
-    if not np.isfinite(ground).all():
-        x, y = flat[int(np.argmin(np.isfinite(ground)))]
-        raise SpecError("--at", f"there is no ground at ({x:g}, {y:g}) m; choose another point")
-    own = [
-        place[2] if len(place) == 3 else z + height for place, z in zip(places, ground, strict=True)
-    ]
-    return np.column_stack([flat, own])

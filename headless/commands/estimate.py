@@ -22,7 +22,7 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.raster_file import GeoRaster, read_raster
 from forest_addon.formats.toml_file import write_settings
-from forest_addon.formats.tree_map import TreeMap, read_rings, read_tree_map
+from forest_addon.formats.tree_map import read_rings, read_tree_map
 from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
 from forest_addon.spec import Forest, Gaussian, Normal, Planting, Raster, Scene, SpecError, Targets
@@ -107,7 +107,6 @@ def estimate_site(
     ------
     SpecError : the map, the window, a species or the law cannot be used.
     """
-
     if method == "kernel" and law not in ("auto", "poisson"):
         raise SpecError("--law", f"{law} goes with --method mixture; a kernel estimate is Poisson")
     trees = read_tree_map(path, crs)
@@ -115,7 +114,15 @@ def estimate_site(
         raise SpecError(str(path), "has no trees below its header; give one a row")
     refuse_sizes(path, trees)
     frame = _window(window) if window else Window.around(trees.position)
-    _refuse_outside(path, trees, frame)
+    outside = np.flatnonzero(~frame.contains(trees.position))
+    if len(outside):
+        x, y = trees.position[outside[0]]
+        others = f", as do {len(outside) - 1:,} more" if len(outside) > 1 else ""
+        raise SpecError(
+            str(path),
+            f"row {trees.line[outside[0]]}: the tree at ({x:.10g}, {y:.10g}) lies outside the window"
+            f"{others}; leave it out, or widen --window",
+        )
     kinds = species_of_map(np.unique(trees.species).tolist(), species, out.parent)
     offset = np.floor(frame.low) if np.abs(frame.high).max() > FAR else np.zeros(2)
     frame = Window(tuple(ring - offset for ring in frame.rings))
@@ -179,7 +186,6 @@ def scene_on(terrain: Path, out: Path, crs: str = "", say: Say = print) -> Path:
     ------
     SpecError : the file cannot be used, or does not say where it lies.
     """
-
     raster = read_raster(terrain)
     if raster.transform is None:
         raise SpecError(str(terrain), "does not say where it lies; give a GeoTIFF or an ASCII grid")
@@ -197,7 +203,6 @@ def scene_on(terrain: Path, out: Path, crs: str = "", say: Say = print) -> Path:
 
 def _on_terrain(scene: Scene, terrain: Path, out: Path, say: Say) -> Scene:
     """The scene with a terrain, which is tried; says what it was read as."""
-
     ground = scene.forest.terrain.changed(
         file=Path(os.path.relpath(terrain, out.parent)).as_posix()
     )
@@ -211,7 +216,6 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
 
     Heights that the map gives move the law of the species, which is written beside the scene.
     """
-
     measured = numbers[:, 2:]
     told = np.isfinite(measured).any(axis=1)
     if not told.any():
@@ -253,7 +257,6 @@ def _grown(
     mapped: MappedSpecies, kind: str, method: str, law: str, file: str, say: Say
 ) -> tuple[SpeciesOfSite, dict[str, np.ndarray]]:
     """Return what was estimated of a species' trees, and the arrays that its planting reads."""
-
     points, frame = mapped.points, mapped.window
     estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
     planting, inputs = _planting(kind, estimate, file)
@@ -275,12 +278,10 @@ def _grown(
 
 
 def _simulate(process: Process, name: str, number: int) -> np.ndarray:
-
     return sample(process, stream(0, "goodness", name, number))
 
 
 def _window(words: Sequence[str]) -> Window:
-
     try:
         if len(words) == 1:
             return Window(tuple(read_rings(Path(words[0]))))
@@ -294,19 +295,6 @@ def _window(words: Sequence[str]) -> Window:
         raise SpecError("--window", str(problem)) from None
 
 
-def _refuse_outside(path: Path, trees: TreeMap, window: Window) -> None:
-
-    outside = np.flatnonzero(~window.contains(trees.position))
-    if len(outside):
-        x, y = trees.position[outside[0]]
-        others = f", as do {len(outside) - 1:,} more" if len(outside) > 1 else ""
-        raise SpecError(
-            str(path),
-            f"row {trees.line[outside[0]]}: the tree at ({x:.10g}, {y:.10g}) lies outside the window"
-            f"{others}; leave it out, or widen --window",
-        )
-
-
 def _field(window: Window) -> Forest:
     corners = [tuple(tuple(map(float, corner)) for corner in ring) for ring in window.rings]
     polygon = {} if window.is_rectangle else {"polygon": corners[0], "holes": tuple(corners[1:])}
@@ -316,7 +304,6 @@ def _field(window: Window) -> Forest:
 
 def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Inputs]:
     """The settings of a species, and the array that they name."""
-
     if isinstance(estimate, KernelEstimate):
         pixels = np.ascontiguousarray(estimate.pixels[::-1])  # north first
         raster = Raster(file=file)
@@ -339,7 +326,6 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
 
 
 def _summary(grown: SpeciesOfSite) -> str:
-
     estimate = grown.estimate
     if isinstance(estimate, FittedMixture):
         count = len(estimate.peak)
@@ -378,7 +364,6 @@ def _words(law: ChosenLaw) -> str:
 
 def _write_scene(path: Path, scene: Scene, source: str, positions: np.ndarray) -> None:
     """Write a scene below notes on where it comes from, and on how near trees stand."""
-
     places = np.unique(positions, axis=0)
     nearest = cKDTree(places).query(places, k=2)[0][:, 1].min() if len(places) > 1 else 0.0
     write_settings(path, scene)

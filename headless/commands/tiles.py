@@ -21,7 +21,7 @@ def run(chosen: argparse.Namespace) -> None:
     cluster = Cluster(chosen.workers or 0, chosen.scheduler, chosen.slurm)
     stages = Stages(chosen.quiet)
     folder = Path(chosen.scene).resolve().parent
-    found = sample_tiles(scene, folder, chosen.sample, cluster, stages).record()
+    found = sample_tiles(scene, folder, chosen.sample, cluster, stages)
     print(json.dumps(found) if chosen.json else _said(found))
 
 
@@ -36,5 +36,5 @@ def _said(found: dict[str, Any]) -> str:
         f"{points[0]:,.0f} points ({points[1]:,.0f} to {points[2]:,.0f})\n"
         f"  {found['memory_bytes_a_worker'] / 1e9:.2f} GB of memory a worker, at most\n"
         f"  within these hours: {found['pulses_cpu_seconds']:.0f} s to deal the pulses to tiles, "
-        f"{found['plan_cpu_seconds_a_worker']:.0f} s to plan the field, and again for each further worker"
+        f"{found['plan_cpu_seconds']:.0f} s to plan the field"
     )

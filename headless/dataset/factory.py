@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from forest_addon.spec import SpecError
 from ..command import IncompleteError
 from ..lock import only_one
 from ..progress import plain
-from ..store import claim_store, put
+from ..store import claim_store, fetch, put
 from . import disk
 from .card import CARD, versions, write_card
 from .disk import MANIFEST, write_manifest
@@ -70,7 +69,7 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
     disk.clean(out)
     claim(*(out / name for name in ("plan.toml", MANIFEST, *CARD)))
     if asked.store is not None:
-        claim_store(asked.store, goes_on=True)
+        claim_store(asked.store, "a dataset", goes_on=True)
         _take_scenes(asked.store / disk.SCENES, out)
     missing = _missing(wanted, out, asked.replace)
     write_plan(plan, out)
@@ -100,9 +99,7 @@ def _take_scenes(there: Path, out: Path) -> None:
         final = out / disk.SCENES / scene.name
         if scene.name.isdigit() and not final.exists() and (scene / disk.RECORD).is_file():
             partial = disk.begin(out, int(scene.name))
-            for one in scene.iterdir():
-                with one.open("rb") as source, (partial / one.name).open("wb") as to:
-                    shutil.copyfileobj(source, to)
+            fetch(scene, partial)
             os.rename(partial, final)
 
 

@@ -31,6 +31,7 @@ import numpy as np
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import (
+    idle_in_sensor,
     later,
     parse_tables,
     read_settings,
@@ -544,7 +545,13 @@ def _idle_in(plan: Plan, number: int, drawn: dict[str, Any]) -> list[str]:
     if scene.accuracy.audit not in (0, Accuracy().audit):
         said.append("scene.accuracy.audit has no effect in a dataset; check it by --check")
     said += [f"scene.{one}" for one in idle_in_scene(scene.changed(output=Output()))]
-    return said + [f"{one.name}: {word}" for one in scene.sensors for word in idle(one)]
+    over = {
+        place.sensor for place in own["place"] if place.rule == "over"
+    }  # in strips so far apart
+    for one in scene.sensors:
+        placed = one.changed(strips=2) if one.name in over else one
+        said += [f"{one.name}: {word}" for word in idle_in_sensor(placed, base.folder)]
+    return said
 
 
 def _plantings(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import tracemalloc
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..inside import DelayedSum, DiscStrength, Say, ScattererPart, backscatter, stream, sum_delayed
+from ..inside import DelayedSum, DiscStrength, Say, StrengthParts, backscatter, stream, sum_delayed
 from ..tables import median_seconds, table
 
 SUM = "sonar: the sum over leaves, 1201 bins from 60 to 80 kHz, amplitudes included"
@@ -62,35 +61,28 @@ class _Leaves:
         return cls(distance, DiscStrength(radius, angle, np.ones(count), model))
 
     def sum(self, tolerance: float, start: float, spacing: float, bins: int) -> DelayedSum:
-        """Σ over the parts; the sizes of parts add up, which is more than that of the leaves."""
+        """Sum over the parts, whose sizes add up to more than that of the leaves."""
         low, high = (2.0 * math.pi * f / SPEED for f in (start, start + spacing * (bins - 1)))
-        every = ScattererPart(
-            np.arange(len(self.distance)), np.zeros(len(self.distance)), self.strength
+        loud, one = self.strength.bound(low, high) / self.distance**2, np.ones(len(self.distance))
+        parts = StrengthParts(np.arange(len(one)), 0.0 * one, one, self.strength)
+        if tolerance:
+            parts = self.strength.parts(low, high)
+        away = self.distance[parts.rows]
+
+        def amplitude(frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
+            k = 2.0 * math.pi * frequency / SPEED
+            return parts.strength.select(rows).amplitude(k) / away[rows] ** 2
+
+        return sum_delayed(
+            amplitude,
+            (2.0 * away + parts.offset) / SPEED,
+            start,
+            spacing,
+            bins,
+            tolerance=tolerance,
+            reach=parts.strength.reach(low) / SPEED,
+            loudness=loud[parts.rows] * parts.share,
         )
-        loud = self.strength.bound(low, high) / self.distance**2
-        spectrum, size, error, nodes = np.zeros(bins, dtype=np.complex128), 0.0, 0.0, Counter()
-        for part in self.strength.parts(low, high) if tolerance else [every]:
-            away, strength = self.distance[part.rows], part.strength
-
-            def amplitude(frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
-                k = 2.0 * math.pi * frequency / SPEED
-                return strength.select(rows).amplitude(k) / away[rows] ** 2  # noqa: B023
-
-            found = sum_delayed(
-                amplitude,
-                (2.0 * away + part.offset) / SPEED,
-                start,
-                spacing,
-                bins,
-                tolerance=tolerance,
-                reach=strength.reach(low) / SPEED,
-                loudness=loud[part.rows],
-            )
-            spectrum += found.spectrum
-            size += found.size
-            error += found.error * found.size
-            nodes.update(found.nodes)
-        return DelayedSum(spectrum, size, error / size, dict(nodes))
 
 
 def _rows(model: str, count: int, where: str, tolerances: tuple[float, ...]) -> list[list[str]]:

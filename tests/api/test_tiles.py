@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
 from forest_addon.blender.files.export import empty_file
+from forest_addon.tiles import TABLES, TiledForest
 
 FIELD = forest.Forest(size=(64.0, 10.0), margin=4.0, undergrowth="none")
 SCENE = forest.Scene(
@@ -87,7 +88,7 @@ def same_scans(tiling, folder, tmp_path):
 def test_trees_are_of_one_tile_each_and_the_whole_s_own(whole):
     scene, _, trees, echo = whole
     tiling = tiled(scene, size=20.0, buffer=3.0)
-    assert sum(tile.trees for tile in tiling.tiles) == len(trees["tree"])
+    assert tiling.forest.in_tile.sum() == len(trees["tree"])
     own = tiling.grid.tile_of(tiling.forest.stand().position[:, :2])
     found = tiling.build(1).trees
     rows = np.searchsorted(trees["tree"], found["tree"])
@@ -127,6 +128,39 @@ def test_a_scan_that_was_ended_goes_on_and_a_pulse_is_followed_or_missed(whole, 
 
 
 @pytest.mark.slow
+def test_a_tile_is_audited_and_what_was_changed_is_seen(tmp_path):
+    tiling = tiled(SCENE.changed(plantings=SCENE.plantings[1:]), size=20.0, buffer=2.0)
+    scanner = SCANNERS[1].changed(beam=forest.Beam(), pulse_rate=400.0)
+    work = forest.TiledScan(tiling, scanner, tmp_path)
+    piece = int(work.todo(False)[1])
+    work.make(piece)
+    audit = work.audit(piece)
+    assert audit.kept
+    rows = bytearray(work.path(piece).read_bytes())
+    rows[-3] ^= 1
+    work.path(piece).write_bytes(rows)
+    wrong = work.audit(piece)
+    assert not wrong.kept
+    assert "records" in wrong.worst.what
+
+
+@pytest.mark.slow
+def test_what_another_process_found_of_a_forest_is_taken_and_no_other(tmp_path, monkeypatch):
+    scene = SCENE.changed(plantings=SCENE.plantings[1:], tiles=forest.Tiles(size=20.0, buffer=3.0))
+    tiling = forest.Tiling.of(scene).forest
+    tiling.keep(tmp_path / "plan.npz")
+    monkeypatch.setattr(TiledForest, "_measure", lambda self: pytest.fail("measured anew"))
+    again = forest.Tiling.of(scene, kept=tmp_path / "plan.npz").forest
+    for name in TABLES:
+        assert np.array_equal(getattr(again, name), getattr(tiling, name)), name
+    for column in ("position", "scale", "sink", "variant"):
+        assert np.array_equal(getattr(again.stand(), column), getattr(tiling.stand(), column))
+    for change in ({"seed": 5}, {"tiles": forest.Tiles(size=10.0, buffer=3.0)}):
+        with pytest.raises(pytest.fail.Exception, match="anew"):
+            forest.Tiling.of(scene.changed(**change), kept=tmp_path / "plan.npz")
+
+
+@pytest.mark.slow
 def test_files_of_tiles_hold_the_points_over_them(whole, tmp_path):
     scene, _, _, _ = whole
     tiling = tiled(scene, size=16.0, buffer=4.0, files="both")
@@ -161,10 +195,15 @@ def test_sensors_that_hear_all_are_refused(tmp_path):
         tiling.look(forest.Reverb(source=(0, 0, 1), receiver=(9, 0, 1)))
     with pytest.raises(forest.SpecError, match="scan_to"):
         tiling.look(SCANNERS[0])
-    folded = SCANNERS[1].receiver.changed(beyond="folded")
-    for word, value in {"motion": True, "bounces": True, "receiver": folded}.items():
-        with pytest.raises(forest.SpecError, match=f"{word}.*tiles"):
-            tiling.scan_to(tmp_path / "t.laz", SCANNERS[1].changed(**{word: value}))
+    receiver = SCANNERS[1].receiver
+    for word, change in {
+        "motion": {"motion": True},
+        "bounces": {"bounces": True},
+        "folded": {"receiver": receiver.changed(beyond="folded")},
+        "waveforms": {"receiver": receiver.changed(sample_ns=1.0), "faintest": 0.01},
+    }.items():
+        with pytest.raises(forest.SpecError, match=f"{word}.*tiles|tiles.*{word}"):
+            tiling.scan_to(tmp_path / "t.laz", SCANNERS[1].changed(**change))
     with pytest.raises(forest.SpecError, match="tile"):
         tiling.build(99)
 

@@ -248,6 +248,12 @@ def test_a_mistyped_command_or_scene_is_answered_with_the_nearest(tmp_path, monk
     monkeypatch.chdir(tmp_path)
     assert main(["--versoin"]) == 2
     assert 'did you mean "--version"' in capsys.readouterr().err
+    assert main(["--versoin"]) == 2
+    assert 'did you mean "--version"' in capsys.readouterr().err
+    assert main(["run", "demo", "--quite"]) == 2
+    assert 'did you mean "--quiet"' in capsys.readouterr().err
+    assert main(["run", "demo", "hedge"]) == 2
+    assert "hedge: is a word too many" in capsys.readouterr().err
     assert main(["rnu", "demo"]) == 2
     assert 'did you mean "run"' in capsys.readouterr().err
     assert main(["run", "dmo"]) == 2

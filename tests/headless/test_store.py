@@ -6,6 +6,7 @@ import shutil
 
 import laspy
 import numpy as np
+import pyproj
 import pytest
 
 pytest.importorskip("bpy")
@@ -15,7 +16,7 @@ from forest_addon import api as forest
 from forest_addon.spec import SpecError
 from headless.catalogue import write_catalogue
 from headless.cli import main
-from headless.store import MARK, store_of
+from headless.store import MARK, claim_store, store_of
 
 FIELD = """
 seed = 3
@@ -116,9 +117,18 @@ def test_objects_of_a_user_stay_as_they_are(tmp_path, empty_blender, capsys):
     assert run(field, tmp_path / "one", "--store", empty) == 0
     (store_of(empty) / "tiles/0.png").write_bytes(b"a map")
     assert run(field, tmp_path / "two", "--store", empty) == 2
-    assert "holds a run's results; --resume" in capsys.readouterr().err
+    assert "holds a field in tiles; --resume" in capsys.readouterr().err
     assert run(field, tmp_path / "two", "--store", empty, "--resume") == 0
     assert (store_of(empty) / "tiles/0.png").read_bytes() == b"a map"
+
+
+def test_a_store_of_another_command_is_left():
+    store = store_of("memory://shared/place")
+    claim_store(store, "a dataset", goes_on=True)
+    claim_store(store, "a dataset", goes_on=True)
+    with pytest.raises(SpecError, match=r"holds a dataset; take an empty place"):
+        claim_store(store, "a field in tiles", goes_on=True)
+    assert (store / MARK).read_text() == "Forest Sensing: a dataset"
 
 
 def test_a_folder_is_no_store(tmp_path):
@@ -141,7 +151,7 @@ def test_workers_write_to_s3(tmp_path, empty_blender, monkeypatch):
         store_of("s3://forests").mkdir()
         field = field_of(tmp_path)
         assert run(field, tmp_path / "whole") == 0
-        words = ("--workers", "2", "--store", "s3://forests/field")
+        words = ("--workers", "1", "--store", "s3://forests/field")
         assert run(field, tmp_path / "out", *words) == 0
         assert objects_of(store_of("s3://forests/field")) == bytes_of(tmp_path / "whole")
     finally:
@@ -172,8 +182,15 @@ def test_copc_of_tiles_open_as_one_by_their_catalogue(tmp_path, empty_blender):
         assert item.properties["forest:seed"] == 3
         assert "run field.toml --seed 3" in item.properties["forest:command"]
         # The meridian of zone 32 is 9 degrees east; 5,000 km north are 45.15 degrees.
-        assert np.allclose(item.bbox, [9.0, 45.153, 9.0, 45.153], atol=2e-3)
-        assert {"X", "Y", "Z"} <= {column["name"] for column in item.properties["pc:schemas"]}
+        assert np.allclose(np.delete(item.bbox, [2, 5]), [9.0, 45.153, 9.0, 45.153], atol=2e-3)
+        names = {column["name"] for column in item.properties["pc:schemas"]}
+        assert {"X", "Y", "Z", "Intensity", "ReturnNumber", "GpsTime", "tree"} <= names
+        # What QGIS and pdal_wrench ask a VPC for.
+        assert feature["stac_version"] == "1.0.0"
+        said = feature["properties"]
+        assert said["proj:epsg"] == pyproj.CRS(said["proj:wkt2"]).to_epsg() == 32632
+        assert said["proj:geometry"]["type"] == "Polygon"
+        assert said["proj:bbox"] == item.properties["proj:bbox"]
         low, high = np.array(item.properties["proj:bbox"]).reshape(2, 3)
         assert np.allclose(low, found[-1].min(axis=0), atol=1e-3)
         assert np.allclose(high, found[-1].max(axis=0), atol=1e-3)

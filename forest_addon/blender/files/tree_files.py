@@ -112,8 +112,7 @@ def _apart() -> Iterator[bpy.types.Scene]:
     finally:
         if window is not None:
             window.scene = current
-        new = [data for data in _everything() if data.session_uid not in before]
-        bpy.data.batch_remove(new)
+        bpy.data.batch_remove([data for data in _everything() if data.session_uid not in before])
 
 
 def _everything() -> Iterator[bpy.types.ID]:

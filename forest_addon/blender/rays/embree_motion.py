@@ -344,8 +344,7 @@ class EmbreeMotion:
         if window not in self._pieces:
             still, number = self._still, self._moving.count + window.piece
             mesh_of = self._moving.scene.mesh_index
-            some = [len(self._mesh(one).triangles) > 0 for one in number.tolist()]
-            known = np.flatnonzero(some)
+            known = np.flatnonzero([len(self._mesh(one).triangles) > 0 for one in number.tolist()])
             number, places = number[known], window.places[:, known]
             places[:, :, :, 3] -= self._centre
             build = EmbreeBuild(still._library, still._device, still._build)

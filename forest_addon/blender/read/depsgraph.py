@@ -264,7 +264,10 @@ class _Found:
                 self._slots.append(np.array(shares or [np.nan], dtype=np.float64))
                 slots = [optics_of(m) if m else NO_OPTICS for m in mesh.materials]
                 self._slot_optics.append(np.array(slots or [NO_OPTICS]))
-                self._assets.append(_asset_of(mesh, thing))
+                # which tree of a library a mesh is, also one that modifiers have worked on; empty for others
+                blocks = (mesh, thing.original.data) if thing is not None else (mesh,)
+                said = (block.get(ASSET_KEY) for block in blocks if isinstance(block, bpy.types.ID))
+                self._assets.append(next((asset for asset in said if isinstance(asset, str)), ""))
                 self._materials.append(tuple(m.name if m else "" for m in mesh.materials) or ("",))
         return self._number_of[key]
 
@@ -355,13 +358,6 @@ def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise:
     """
     said = (place.original.get(key) for place in (owner, thing))
     return next((value for value in said if isinstance(value, bool | int | float)), otherwise)
-
-
-def _asset_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> str:
-    """Return which tree of a library a mesh is, also one that modifiers have worked on; empty for others."""
-    blocks = (mesh, thing.original.data) if thing is not None else (mesh,)
-    said = (block.get(ASSET_KEY) for block in blocks if isinstance(block, bpy.types.ID))
-    return next((asset for asset in said if isinstance(asset, str)), "")
 
 
 T = TypeVar("T")

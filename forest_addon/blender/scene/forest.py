@@ -271,8 +271,7 @@ def _library(
             make = lambda rough=rough, tree=tree, made=made: to_mesh(  # noqa: E731
                 rough, made or stand_in(tree.mesh, tree.skeleton, level)
             )
-            told = f"{shape} {level.most}"
-            data = standing.renew(role, rough, told, make, coats[planting], mesh)
+            data = standing.renew(role, rough, f"{shape} {level.most}", make, coats[planting], mesh)
             outlines.append(WantedObject(OUTLINES, role, numbered + rough, data))
     return library, outlines
 

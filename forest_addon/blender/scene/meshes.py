@@ -164,7 +164,14 @@ def write_truth(mesh: bpy.types.Mesh, asset: str, species: str, tree: Tree) -> N
     for key, value in tree_truth(tree).items():
         mesh[key] = value
     mesh[WOOD] = _skeleton_mesh(f"{mesh.name} skeleton", tree.skeleton)
-    mesh[LEAVES] = _leaf_mesh(f"{mesh.name} leaves", tree.leaves)
+    data = bpy.data.meshes.new(f"{mesh.name} leaves")
+    data.vertices.add(len(tree.leaves))
+    if len(tree.leaves):
+        write(data, "position", tree.leaves.centre, "FLOAT_VECTOR")
+    for column in OF_LEAVES:
+        _put(data, "POINT", column, getattr(tree.leaves, column))
+    data.update()
+    mesh[LEAVES] = data
 
 
 def read_truth(mesh: bpy.types.Mesh) -> PlacedVariant | None:
@@ -240,17 +247,6 @@ def _skeleton_mesh(name: str, wood: Skeleton) -> bpy.types.Mesh:
     return data
 
 
-def _leaf_mesh(name: str, leaves: Leaves) -> bpy.types.Mesh:
-    data = bpy.data.meshes.new(name)
-    data.vertices.add(len(leaves))
-    if len(leaves):
-        write(data, "position", leaves.centre, "FLOAT_VECTOR")
-    for column in OF_LEAVES:
-        _put(data, "POINT", column, getattr(leaves, column))
-    data.update()
-    return data
-
-
 def _put(data: bpy.types.Mesh, domain: str, column: str, values: np.ndarray) -> None:
     name, kind = COLUMNS[column]
     write(data, name, values, kind, domain)
@@ -259,5 +255,4 @@ def _put(data: bpy.types.Mesh, domain: str, column: str, values: np.ndarray) -> 
 def _get(data: bpy.types.Mesh, domain: str, column: str) -> np.ndarray:
     """A column as float64 or int64, (N,) or (N, 3)."""
     name, kind = COLUMNS[column]
-    values = read(data, name, kind, domain)
-    return values.astype(np.int64 if kind == "INT" else np.float64)
+    return read(data, name, kind, domain).astype(np.int64 if kind == "INT" else np.float64)

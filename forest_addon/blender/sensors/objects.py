@@ -130,7 +130,17 @@ def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
     Those that are linked from another file, and those of another scene's forest, are not among them.
     """
-    found = {thing for home in _homes(scene) for thing in home.objects if _is_sensor(thing)}
+    found = {
+        thing
+        for home in _homes(scene)
+        for thing in home.objects
+        if (
+            KIND_KEY in thing
+            and kind_of(thing) in KINDS
+            and thing.type in BODIES
+            and is_local(thing)
+        )
+    }
     return sorted(found, key=lambda thing: thing.name)
 
 
@@ -188,13 +198,6 @@ def _homes(scene: bpy.types.Scene) -> Iterator[bpy.types.Collection]:
             continue
         yield home
         waiting.extend(home.children)
-
-
-def _is_sensor(thing: bpy.types.Object) -> bool:
-    # Most objects are none: what is cheapest to ask comes first, as each redraw of the panel asks.
-    return (
-        KIND_KEY in thing and kind_of(thing) in KINDS and thing.type in BODIES and is_local(thing)
-    )
 
 
 def place(thing: bpy.types.Object, settings: Sensor) -> None:

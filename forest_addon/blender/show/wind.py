@@ -212,20 +212,12 @@ def show_on_points(
     for name, values in told.items():
         write(thing.data, name, values, "INT")
     modifier = thing.modifiers.new(key, "NODES")
-    modifier.node_group = many_group(key)
+    modifier.node_group = marked(MANY_KEY, key) or _many(key)
     for name, value in (given | clock).items():
         set_input(modifier, name, value)
     show_as(instancer, shown_of(instancer))
     many = int(told[OF_FULL[1]].sum())
     return WindShown(len(moving), len(tree) - len(moving), many, 0.0)
-
-
-def forget_points(data: bpy.types.Mesh) -> None:
-    """Take from points what they were told of wind."""
-    for name in OWN:
-        attribute = data.attributes.get(name)
-        if attribute is not None:
-            data.attributes.remove(attribute)
 
 
 def _coats(
@@ -339,12 +331,14 @@ def _show_on_objects(
     data = pieces_mesh(np.concatenate(maps) if maps else np.zeros((0, 12, 3, 4)), told)
     pieces = make_object("Wind Pieces", data, top)
     modifier = pieces.modifiers.new(HOME, "NODES")
-    modifier.node_group = moving_group()
+    modifier.node_group = marked(WIND_KEY, True) or _moving()
     for name, value in (given | clock).items():
         set_input(modifier, name, value)
     for place, (thing, _) in enumerate(moving):
         modifier = thing.modifiers.new(HOME, "NODES")
-        modifier.node_group = showing_group(HOME)
+        # The file's group that shows a tree's pieces, made where there is none; key : its mark, as a view's
+        groups = (g for g in bpy.data.node_groups if g.get(VIEW_KEY) == HOME and MANY_KEY not in g)
+        modifier.node_group = next(groups, None) or _showing(HOME)
         for name, value in {PIECES: pieces, SHAPES: shapes[place], NUMBER: place}.items():
             set_input(modifier, name, value)
     return WindShown(len(moving), len(found) - len(moving), len(tree), 0.0)
@@ -356,7 +350,10 @@ def hide_wind(scene: bpy.types.Scene) -> None:
         for modifier in [m for m in thing.modifiers if is_wind(m)]:
             thing.modifiers.remove(modifier)
             if thing.get(ROLE_KEY) == POINTS_ROLE:
-                forget_points(thing.data)
+                for name in OWN:
+                    attribute = thing.data.attributes.get(name)
+                    if attribute is not None:
+                        thing.data.attributes.remove(attribute)
     top = _home(scene)
     if top is None:
         return
@@ -395,22 +392,6 @@ def amplitude_name(first: int) -> str:
 def basis_name(mode: int, column: int) -> str:
     """The attribute of pieces with a column of what a mode adds to their map."""
     return f"mode {mode} {'xyz'[column] if column < 3 else 'shift'}"
-
-
-def moving_group() -> bpy.types.NodeTree:
-    """The file's group that moves the pieces of all trees, made where there is none."""
-    return marked(WIND_KEY, True) or _moving()
-
-
-def showing_group(key: str) -> bpy.types.NodeTree:
-    """The file's group that shows a tree's pieces, made where there is none; key : its mark, as a view's."""
-    groups = (g for g in bpy.data.node_groups if g.get(VIEW_KEY) == key and MANY_KEY not in g)
-    return next(groups, None) or _showing(key)
-
-
-def many_group(key: str) -> bpy.types.NodeTree:
-    """The file's group that shows trees that are points, made where there is none; key : as a view's."""
-    return marked(MANY_KEY, key) or _many(key)
 
 
 def _moving() -> bpy.types.NodeTree:

@@ -138,8 +138,7 @@ def read_survey(path: Path, assets: Path | None = None) -> Survey:
     rate = number(scans[0], "pulseFreq_hz", path, device.pulse_rate) if scans else device.pulse_rate
     parts, unread = read_scene(survey.get("scene", ""), path, assets, rate)
     if len(elements) < 1 + (kind in MOVING):
-        problem = "moves, but has only one waypoint" if elements else "has no leg"
-        raise SpecError(str(path), problem)
+        raise SpecError(str(path), "moves, but has only one waypoint" if elements else "has no leg")
     if kind == "interpolated":
         tracks = read_tracks(own, survey, path, assets)
         legs = [_leg(s, device, path, *t) for s, t in zip(scans, tracks, strict=True)]

@@ -41,26 +41,31 @@ TURNS = "normals, angles and times of all of these", OF_VALUE, "of each"
 
 
 def parts_of_scan(
-    scan: Scan, cloud: Cloud, share: float, scene: SceneGeometry | None = None
+    scan: Scan,
+    cloud: Cloud,
+    share: float,
+    scene: SceneGeometry | None = None,
+    pulses: np.ndarray | None = None,
 ) -> list[AuditPart]:
     """Parts of a cloud, ``share`` of whose pulses are sent again.
 
-    scan : the same scan, ready to look again. scene : the true one; left out: the caster's.
+    scan : the same scan, ready to look again. scene : the true one; left out: the caster's. pulses : numbers
+    (P,), ascending, of those that the cloud is of; left out: all.
     """
     true = scan.caster.scene if scene is None else scene
-    exact, count = scan.exactly(scene), scan.pulses
+    every = np.arange(scan.pulses) if pulses is None else pulses
+    exact, count = scan.exactly(scene), len(every)
     wanted = ALLOWED + _rounding(true)
-    came = np.unique(cloud.pulse[(cloud.pulse >= 0) & (cloud.pulse < count)])
-    gone = np.ones(count, dtype=bool)
-    gone[came] = False
+    seen = np.isin(every, cloud.pulse)
+    lost = np.zeros(count, dtype=bool)
     for one in cloud.lost:
-        gone[one.first : one.stop] = False
-    empty = np.flatnonzero(gone)
+        lost |= (every >= one.first) & (every < one.stop) & ~seen
+    came, empty = every[seen], every[~seen & ~lost]
 
-    def sent(again: Scan, among: np.ndarray | None) -> Callable[[np.ndarray], np.ndarray]:
+    def sent(again: Scan, among: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         def look(number: np.ndarray) -> np.ndarray:
-            number = number if among is None else among[number]
-            held = gone[number] | np.isin(number, came)  # all but those that are said to be lost
+            number = among[number]
+            held = ~np.isin(number, every[lost])  # all but those that are said to be lost
             errors = np.zeros((2, len(number)))
             errors[:, held] = _again(exact, again, cloud, number[held], wanted)
             return errors
@@ -90,7 +95,7 @@ def parts_of_scan(
         ),
         AuditPart(len(came), sent(exact, came), kinds(f"pulses {FLOAT64}"), few, exact=True),
         AuditPart(len(empty), sent(exact, empty), kinds(f"pulses that met nothing {FLOAT64}"), few),
-        AuditPart(count, sent(scan, None), kinds("pulses sent again"), *again),
+        AuditPart(count, sent(scan, every), kinds("pulses sent again"), *again),
     ]
 
 

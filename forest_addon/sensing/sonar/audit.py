@@ -195,7 +195,7 @@ def _grid(pings: Pings, echo: Echo) -> BandGrid:
     """The frequencies and times of a ping, by what it heard."""
     sonar, call, speed, latest = pings.sonar, pings.equipment.call, pings.air.speed(), 0.0
     for group in echo.groups:
-        latest = max(latest, float(group.paths.length.max()))
+        latest = max(latest, group.paths.latest)
     moving, band = pings.moving(echo), pings.band
     band = widened(band, moving, speed) if moving else band
     lasts = 0.0 if call is None else call.duration
@@ -261,7 +261,7 @@ def _of_phases(echoes: Sequence[Echo]) -> float:
     """Radians by which two float64 sums may turn the same echo apart: a digit of each one's cycles."""
     cycles = 0.0
     for echo in echoes:
-        path = max((float(g.paths.length.max()) for g in echo.groups if len(g)), default=0.0)
+        path = max((g.paths.latest for g in echo.groups if len(g)), default=0.0)
         cycles = max(cycles, float(echo.frequency.max()) * path / echo.sound_speed)
     return 4 * math.pi * cycles * float(np.finfo(np.float64).eps)
 

@@ -15,14 +15,25 @@ from typing import ClassVar
 import numpy as np
 
 from ... import kernels
-from ...acoustics.disc import SMALLEST, amplitude_bound, disc_amplitudes, rim_amplitudes
+from ...acoustics.disc import SMALLEST, amplitude_bound, disc_amplitudes
 from ...acoustics.disc_table import HANDOVER, table_error
 from ...base.rows import distinct, lengths
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import pieces_of
 from ..rays.geometry import SceneGeometry, apply_transform
 from .facets import PIECE, Rims, glints, rims, share_of_turn
-from .scatterers import LEAF, Population, ScattererPart, Scatterers, Sight, Strength, Views, cluster
+from .scatterers import (
+    LEAF,
+    SIDES,
+    Population,
+    Scatterers,
+    Sight,
+    Strength,
+    StrengthParts,
+    Views,
+    cluster,
+    paired,
+)
 
 SIMILAR = 1e-6  # a rotation with a scale, but for the float32 that Blender keeps it in
 
@@ -183,7 +194,7 @@ def _sum(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
 # is what wiggles in frequency: each alone is smooth.
 
 
-LATER = 1.0  # radii by which a disc's response that crosses its face is later than that of its rims
+LATER = 1.3  # radii by which what crosses a disc's face, once and again, is later than its middle, about
 PAPER_REACH = 0.3  # radii to both sides
 PAPER_TURN = 0.36  # radians at ka = 1 by which the fit's angle turns while the frequency doubles
 GRAZING = (
@@ -194,39 +205,38 @@ FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is
 
 @dataclass(frozen=True)
 class DiscStrength(Strength):
-    """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude. later : radii
-    by which their delay is taken to be later."""
+    """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude. later : (M,) or
+    one, radii by which their delays are taken to be later. side : as of ``disc_amplitudes``."""
 
     radius: np.ndarray
     incidence: np.ndarray
     nearness: np.ndarray
     model: str
-    later: float = 0.0
+    later: np.ndarray | float = 0.0
+    side: np.ndarray | None = None
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        given = self.radius, self.incidence, self.nearness, self.model, self.later
+        given = self.radius, self.incidence, self.nearness, self.model, self.later, self.side
         return disc_amplitudes(wavenumber, *given)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
         return self.nearness * far
 
-    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float) -> StrengthParts:
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
         itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
-            later = replace(self, later=LATER)
-            return [ScattererPart(np.arange(len(self.radius)), LATER * self.radius, later)]
-        across = self.radius * np.sin(self.incidence)
-        apart = max(SMALLEST / (2.0 * lowest), np.pi / (2.0 * (highest - lowest)))
-        rims = (across > apart) & (self.model == "piston")
-        near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
-        parts = [ScattererPart(near, np.zeros(len(near)), self.select(near))] if len(near) else []
-        if len(far):
-            rows, side = np.tile(far, 2), np.repeat([-1.0, 1.0], len(far))
-            strength = DiscRim(across[rows], self.radius[rows], self.incidence[rows], side)
-            parts.append(ScattererPart(rows, side * 2.0 * across[rows], strength))
-        return parts
+            later = LATER - 0.5 * np.sin(self.incidence)  # towards the near rim, which is earlier
+            return replace(
+                self.whole(), offset=later * self.radius, strength=replace(self, later=later)
+            )
+        if self.model == "paper":
+            return self.whole()
+        across = 2.0 * self.radius * np.sin(self.incidence)
+        rows, which = paired(across > max(SMALLEST / lowest, np.pi / (highest - lowest)))
+        strength = replace(self.select(rows), side=SIDES[which])
+        return StrengthParts(rows, SIDES[which] * across[rows], np.ones(len(rows)), strength)
 
     def reach(self, wavenumber: float) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim
@@ -234,38 +244,15 @@ class DiscStrength(Strength):
                 PAPER_TURN * self.incidence * np.maximum(wavenumber * self.radius, 1e-3) ** -0.9065
             )
             return PAPER_REACH * self.radius + turn / wavenumber
+        if self.model == "exact":
+            return (LATER + np.sin(self.incidence)) * self.radius
         rims = 2.0 * self.radius * np.sin(self.incidence)
-        return rims + LATER * self.radius if self.model == "exact" else rims
+        return rims if self.side is None else np.where(self.side == 0, rims, 0.0)
 
     def error(self, highest: float) -> np.ndarray | None:
         if self.model != "exact":
             return None
         return self.radius * table_error(highest * self.radius, self.incidence)
-
-
-@dataclass(frozen=True)
-class DiscRim(Strength):
-    """One place of a piston's rim, without its delay: half of J₁ = Re H₁, H₁ the Hankel function.
-
-    across : (M,) a·sinβ. side : (M,) -1 the place nearer to the sonar, 1 the farther.
-
-    f = (i·a²·cosβ/4a·sinβ)·H₁(x)e^{-ix} or its conjugate, x = 2ka·sinβ: k·f = i(ka)²/2·cosβ·2J₁(x)/x.
-    """
-
-    across: np.ndarray
-    radius: np.ndarray
-    incidence: np.ndarray
-    side: np.ndarray
-
-    def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        level = 0.25 * self.radius**2 * np.cos(self.incidence) / self.across
-        return rim_amplitudes(wavenumber, self.across, level, self.side)
-
-    def bound(self, lowest: float, highest: float) -> np.ndarray:
-        return np.abs(self.amplitude(np.array([lowest])))[0]
-
-    def reach(self, wavenumber: float) -> np.ndarray:
-        return np.zeros(len(self.across))
 
 
 @dataclass(frozen=True)

@@ -189,7 +189,7 @@ def ping(
     hear = PingHearing(targets, station, band, wood, everything)
     targets, found = hear.at(0.0)
     moments = [Moment(0.0, station, found.groups)]
-    latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
+    latest = max((g.paths.latest for g in found.groups), default=0.0)
     lasts, moving = 0.0, 0.0
     if call is not None:
         lasts = call.duration

@@ -80,7 +80,7 @@ def nearest_leaves(groups: Sequence[SearchGroup], most: int = LEAVES) -> SearchG
     if sum(map(len, some)) < FEW:
         return None
     every = SearchGroup.joined(some)
-    off = np.hypot(*every.paths.emitted.T)
+    off = np.hypot(*every.paths.offset[:, 0].T)
     return every.select(np.argsort(off, kind="stable")[:most])
 
 
@@ -146,7 +146,7 @@ def _ways(leaves: SearchGroup, station: Station, frequency: float) -> tuple[np.n
     paths, one = leaves.paths, np.array([frequency])
     wavenumber = 2.0 * math.pi * frequency / station.sound_speed
     beams = station.equipment.emit, station.equipment.hear(0)
-    offsets = paths.emitted.T, paths.heard[:, 0].T
+    offsets = paths.offset[:, 0].T, paths.offset[:, 1].T
     made = []
     for beam, offset, away in zip(beams, offsets, (paths.distance, paths.leg[:, 0]), strict=True):
         near = np.sqrt(subdued(away, _discs(leaves).radius, wavenumber))

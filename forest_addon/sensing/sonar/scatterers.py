@@ -46,24 +46,38 @@ class Strength(RowTable, ABC):
         """(M,) metres that f may be off by because it is tabulated, up to a wavenumber; None: nothing."""
         return None
 
-    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float) -> StrengthParts:
         """Smoother strengths that add up to this one between two wavenumbers, itself where it is smooth.
 
         Of a scatterer in several parts, some frequency between finds all of them in phase.
         """
+        return self.whole()
+
+    def whole(self) -> StrengthParts:
+        """Each as one part."""
         count = len(self.reach(1.0))
-        return [ScattererPart(np.arange(count), np.zeros(count), self)]
+        return StrengthParts(np.arange(count), np.zeros(count), np.ones(count), self)
+
+
+SIDES = np.array([0, -1, 1], np.int8)  # of what is alone, of the first and the second of a pair
+
+
+def paired(twice: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (m,) of things (M,), of those that come ``twice`` two, and which of ``SIDES`` each is."""
+    alone, pairs = np.flatnonzero(~twice), np.flatnonzero(twice)
+    which = np.repeat(np.arange(3, dtype=np.int8), [len(alone), len(pairs), len(pairs)])
+    return np.concatenate([alone, pairs, pairs]), which
 
 
 @dataclass(frozen=True)
-class ScattererPart:
-    """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path; share : (m,)
-    or one, about how loud it is beside that."""
+class StrengthParts(RowTable):
+    """Strengths (m,) that belong to rows (m,) of others, ``offset`` (m,) metres later on the path; share :
+    (m,) about how loud each is beside that."""
 
     rows: np.ndarray
     offset: np.ndarray
+    share: np.ndarray
     strength: Strength
-    share: np.ndarray | float = 1.0
 
 
 @dataclass(frozen=True)

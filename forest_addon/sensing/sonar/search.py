@@ -24,7 +24,7 @@ from ... import kernels
 from ...base.rows import RowTable
 from .calls import SAMPLED, Band
 from .leaves import NearFaces
-from .scatterers import ScattererPart, Scatterers, Sight
+from .scatterers import Scatterers, Sight, StrengthParts
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
@@ -95,15 +95,12 @@ def search(
     order = np.argsort(-bound, kind="stable")
     order = order[: np.count_nonzero(bound)]
     rest = np.append(np.cumsum(bound[order][::-1])[::-1], 0.0)
-    unbounded = int(
-        np.count_nonzero(np.isinf(bound))
-    )  # blocks with something not finite come first
+    unbounded = int(np.count_nonzero(np.isinf(bound)))  # with something not finite: they come first
     finder = _Finder(targets, station, band, shade, latest, Counts(far=far))
 
     opened, known, loudest = 0, GUESS * float(rest[unbounded]), LOUDEST
     while True:
-        until = int(np.searchsorted(-rest, -0.5 * sonar.cull * known))
-        until = max(until, opened, unbounded)
+        until = max(int(np.searchsorted(-rest, -0.5 * sonar.cull * known)), opened, unbounded)
         finder.open(blocks.select(order[opened:until]))
         opened = until
         known = finder.least(loudest)
@@ -225,55 +222,43 @@ class EarAmplitudes:
         self._station, paths = station, group.paths
         self._beams = station.equipment.emit, station.equipment.hear(ear)
         leg = paths.leg[:, ear]
-        sent, heard = paths.emitted.T, paths.heard[:, ear].T
+        self.length = paths.distance + leg
+        sent, heard = paths.offset[:, 0].T, paths.offset[:, 1 + ear].T
         terms = [self._beams[0].terms(*sent), self._beams[1].terms(*heard)]
-        self._terms = np.concatenate([*terms, -(paths.distance + leg)[None]])
+        self._terms = np.concatenate([*terms, -self.length[None]])
         self._level = group.shade / (paths.distance * leg)
-        self._known: dict[bytes, np.ndarray] = {}  # bases, by their frequencies
         strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
-        self.whole = ScattererPart(np.arange(len(group)), np.zeros(len(group)), strength)
+        self.whole = strength.whole()
 
     def _basis(self, frequency: np.ndarray) -> np.ndarray:
-        key = frequency.tobytes()
-        if key not in self._known:
-            beams = [beam.basis(frequency) for beam in self._beams]
-            self._known[key] = np.concatenate([*beams, self._station.loss(frequency)[None]])
-        return self._known[key]
+        beams = [beam.basis(frequency) for beam in self._beams]
+        return np.concatenate([*beams, self._station.loss(frequency)[None]])
 
     def gain(self, frequency: np.ndarray) -> np.ndarray:
         """(Q, M) of all."""
         return np.exp(np.einsum("dq,dm->qm", self._basis(frequency), self._terms)) * self._level
 
-    def of(self, parts: list[ScattererPart], frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """(Q, m) complex A of some rows of parts, one part after the other, at frequencies (Q,)."""
+    def of(self, parts: StrengthParts, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """(Q, m) complex A of some rows of parts at frequencies (Q,)."""
         wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
-        if len(parts) == 1:
-            amplitude = parts[0].strength.select(rows).amplitude(wavenumber)
-            some = parts[0].rows[rows]
-        else:
-            amplitude = np.empty((len(frequency), len(rows)), np.complex128)
-            some, begin = np.empty(len(rows), np.int64), 0
-            for part in parts:
-                here = np.flatnonzero((rows >= begin) & (rows < begin + len(part.rows)))
-                own = rows[here] - begin
-                amplitude[:, here] = part.strength.select(own).amplitude(wavenumber)
-                some[here] = part.rows[own]
-                begin += len(part.rows)
+        amplitude = parts.strength.select(rows).amplitude(wavenumber)
+        some = parts.rows.take(rows)
         basis = self._basis(frequency)
-        level, terms = self._level[some], self._terms.take(some, axis=1)
         library = kernels.library()
         if library is None:
-            return np.asarray(amplitude * level * np.exp(np.einsum("dq,dm->qm", basis, terms)))
-        library.weigh_echoes(*amplitude.shape, level, len(terms), basis, terms, amplitude)
+            gain = np.exp(np.einsum("dq,dm->qm", basis, self._terms.take(some, axis=1)))
+            return np.asarray(amplitude * gain * self._level.take(some))
+        given = len(self._level), self._level, *basis.shape[:1], basis, self._terms, amplitude
+        library.weigh_echoes(*amplitude.shape, some, *given)
         return amplitude
 
-    def reach(self, part: ScattererPart, band: tuple[float, float]) -> np.ndarray:
-        """(m,) s, about how far responses of a part reach, with what their gains change over a band."""
+    def reach(self, parts: StrengthParts, band: tuple[float, float]) -> np.ndarray:
+        """(m,) s, about how far responses of parts reach, with what their gains change over a band."""
         basis = np.diff(self._basis(np.array(band)), axis=1)[:, 0]
         change = np.einsum("d,dm->m", basis, self._terms)
         width, speed = max(band[1] - band[0], 1e-9), self._station.sound_speed
-        own = part.strength.reach(2.0 * np.pi * band[0] / speed) / speed
-        return np.asarray(own + np.abs(change[part.rows]) / (2.0 * np.pi * width))
+        own = parts.strength.reach(2.0 * np.pi * band[0] / speed) / speed
+        return np.asarray(own + np.abs(change[parts.rows]) / (2.0 * np.pi * width))
 
 
 def mean_amplitude(
@@ -282,7 +267,7 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     heard = EarAmplitudes(group, station, 0)
-    return np.asarray(weight @ np.abs(heard.of([heard.whole], frequency, np.arange(len(group)))))
+    return np.asarray(weight @ np.abs(heard.of(heard.whole, frequency, np.arange(len(group)))))
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
@@ -298,8 +283,7 @@ def _finite(made: Scatterers) -> np.ndarray:
     """(M,) whether every number of each is finite."""
     finite = np.ones(len(made), dtype=bool)
     for value in vars(made).values():
-        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            known = np.isfinite(value)
-            if not known.all():  # a row's test is dear, and hardly ever needed
-                finite &= known.all(axis=tuple(range(1, value.ndim)))
+        number = isinstance(value, np.ndarray) and value.dtype.kind == "f"
+        if number and not np.isfinite(value.sum()):  # a row's test is dear, and hardly ever needed
+            finite &= np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
     return finite

@@ -98,7 +98,7 @@ class Extinction:
         if group.scatterers.kind == LEAF:
             owner = np.stack([group.instance, group.scatterers.number])
         before = group.paths.distance - group.scatterers.clear
-        return self.transmission(group.paths.emitted.T, before, owner)
+        return self.transmission(group.paths.offset[:, 0].T, before, owner)
 
     def transmission(
         self, offset: np.ndarray, distance: np.ndarray, owner: np.ndarray | None = None

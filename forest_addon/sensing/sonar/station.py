@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -152,6 +153,12 @@ def _beam(kind: str, width_deg: tuple[float, float], name: str) -> BeamPattern:
     raise ValueError(f"the {name}'s CSV file has not been read; give its pattern")
 
 
+@lru_cache(maxsize=256)
+def _absorbed(frequency: bytes, air: Air) -> np.ndarray:
+    """(Q,) nepers per metre at frequencies (Q,) float64; kept, since nodes are the same from ping to ping."""
+    return absorption(np.frombuffer(frequency), air.temperature_c, air.humidity, air.pressure_kpa)
+
+
 class Station:
     """A sonar with its equipment at one pose in the air."""
 
@@ -171,8 +178,7 @@ class Station:
         """(Q,) absorption in nepers per metre."""
         if not self.sonar.absorption:
             return np.zeros(len(frequency))
-        air = self.air
-        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+        return _absorbed(frequency.tobytes(), self.air)
 
     def ceiling(self, some: Candidates) -> np.ndarray:
         """(P,) no block adds more than this to Σ|A|, at any ear and frequency of the band."""
@@ -239,29 +245,24 @@ class EchoPaths(RowTable):
         return self.away[:, 1:]
 
     @property
-    def emitted(self) -> np.ndarray:
-        """(M, 2) offsets off the beam's axis."""
-        return self.offset[:, 0]
-
-    @property
-    def heard(self) -> np.ndarray:
-        """(M, E, 2) offsets off the ears' axes."""
-        return self.offset[:, 1:]
-
-    @property
     def length(self) -> np.ndarray:
         """(M, E) metres from mouth to ear."""
         return self.distance[:, None] + self.leg
 
+    @property
+    def latest(self) -> float:
+        """Metres of the longest way, of one or more."""
+        return max(float((self.distance + leg).max()) for leg in self.leg.T)
+
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
-        azimuth, elevation = self.emitted.T
+        azimuth, elevation = self.offset[:, 0].T
         sent = equipment.emit.loudest(azimuth, elevation, band)
         most = np.zeros(len(sent))
-        for ear, length in enumerate(self.length.T):
-            azimuth, elevation = self.heard[:, ear].T
+        for ear, leg in enumerate(self.leg.T):
+            azimuth, elevation = self.offset[:, 1 + ear].T
             heard = equipment.hear(ear).loudest(azimuth, elevation, band)
-            weaker = np.exp(-station.least_loss * length) / (self.distance * self.leg[:, ear])
+            weaker = np.exp(-station.least_loss * (self.distance + leg)) / (self.distance * leg)
             most = np.maximum(most, sent * heard * weaker)
         return most

@@ -100,24 +100,23 @@ def _over(
     error, table, size = np.zeros((3, len(station.ear)))
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
-            heard, length = EarAmplitudes(group, station, ear), group.paths.length[:, ear]
+            heard = EarAmplitudes(group, station, ear)
             doubtful = heard.whole.strength.error(highest)
             if doubtful is not None:
                 table[ear] += float((heard.gain(np.array(band[:1]))[0] * doubtful).sum())
-            loud, parts = group.bound * group.shade, [heard.whole]
+            loud, parts = group.bound * group.shade, heard.whole
             if tolerance > 0 and lowest < highest:
                 parts = heard.whole.strength.parts(lowest, highest)
-            rows = np.concatenate([part.rows for part in parts])
-            offset = np.concatenate([part.offset for part in parts])
+            rows = parts.rows
             found = sum_delayed(
                 partial(heard.of, parts),
-                (length[rows] + offset) / station.sound_speed,
+                (heard.length[rows] + parts.offset) / station.sound_speed,
                 grid.start,
                 grid.spacing,
                 grid.count,
                 tolerance=tolerance,
-                reach=np.concatenate([heard.reach(part, band) for part in parts]),
-                loudness=np.concatenate([loud[part.rows] * part.share for part in parts]),
+                reach=heard.reach(parts, band),
+                loudness=loud[rows] * parts.share,
                 weights=None if weights is None else weights[number][rows],
                 ends=band,
             )

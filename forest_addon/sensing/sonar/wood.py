@@ -31,7 +31,18 @@ from ...base.rows import lengths
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.centreline import find_centrelines
 from ...growth.own_tree.pieces import part
-from .scatterers import WOOD, Population, ScattererPart, Scatterers, Sight, Strength, Views, cluster
+from .scatterers import (
+    SIDES,
+    WOOD,
+    Population,
+    Scatterers,
+    Sight,
+    Strength,
+    StrengthParts,
+    Views,
+    cluster,
+    paired,
+)
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
@@ -39,6 +50,7 @@ CREEPING = 2.0 + math.pi  # radii, the way around the back from the near side
 # Radii that what sounds reaches to both sides of its delay: all, what is mirrored, and what is left, which
 # creeps around the back.
 WAVES = {"whole": CREEPING / 2, "mirror": 0.0, "creeping": 1.0}
+CREPT = 2  # number of the last
 THICK = 4.0  # ka from where these two are taken apart
 FADING = 2.2  # about e^{-FADING·(ka)^⅓} of S creeps around
 AUDIBLE = 300.0  # over it, from where on that is faint
@@ -51,8 +63,8 @@ class CylinderStrength(Strength):
     """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis.
 
     nearness : (M,) root of the distance to the near side over that to the axis: waves spread around a
-    cylinder from its axis, while the delay is that of the near side. wave : which of ``WAVES``. end : of one
-    end of each alone, whose length is given in parts of i/k.
+    cylinder from its axis, while the delay is that of the near side. wave : (M,) int8, which of ``WAVES``.
+    end : (M,) int8, 1 of one end alone, whose length is given in parts of i/k.
     """
 
     length: np.ndarray
@@ -60,23 +72,22 @@ class CylinderStrength(Strength):
     sine: np.ndarray
     cosine: np.ndarray
     nearness: np.ndarray
-    wave: str = "whole"
-    end: bool = False
+    wave: np.ndarray
+    end: np.ndarray
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         size, turn = self.radius * self.sine, self.length * self.cosine
         level = self.nearness * self.length / math.pi
         k = wavenumber[:, None]
         library = kernels.library()
-        if library is None:
-            found = (
-                np.sinc(k * (turn / math.pi)) * np.conj(_backscatter(k * size, self.wave)) * level
-            )
-        else:
+        if library is not None:
             found = np.empty((len(wavenumber), len(size)), np.complex128)
-            given = (len(wavenumber), wavenumber, len(size), size, turn, level)
-            library.cylinders(*given, LARGEST, np.array([_bend()]), *_table(self.wave).given, found)
-        return found * (1j / k) if self.end else found
+            given = (len(wavenumber), wavenumber, len(size), size, turn, level, self.wave, self.end)
+            library.cylinders(*given, LARGEST, np.array([_bend()]), *_tables(), found)
+            return found
+        waves = [_backscatter(k * size, wave) for wave in WAVES]
+        found = np.sinc(k * (turn / math.pi)) * np.conj(np.choose(self.wave, waves)) * level
+        return np.where(self.end, found * (1j / k), found)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         size = _largest_backscatter(highest * self.radius * self.sine)
@@ -86,34 +97,34 @@ class CylinderStrength(Strength):
 
     def reach(self, wavenumber: float) -> np.ndarray:
         size = self.radius * self.sine
-        faint = (
-            np.minimum(1.0, AUDIBLE * _crept(wavenumber * size)) if self.wave == "creeping" else 1.0
-        )
-        return self.length * np.abs(self.cosine) + WAVES[self.wave] * faint * size
+        reach = np.array(list(WAVES.values()))[self.wave]
+        creeping = np.flatnonzero(self.wave == CREPT)
+        reach[creeping] *= np.minimum(1.0, AUDIBLE * _crept(wavenumber * size[creeping]))
+        return self.length * np.abs(self.cosine) + reach * size
 
     def error(self, highest: float) -> np.ndarray:
         size = highest * self.radius * self.sine
         share = np.where(size > LARGEST, EXTENDED, TABULATED)
         return share * self.nearness * self.length / math.pi * _largest_backscatter(size)
 
-    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float) -> StrengthParts:
         """Mirror and creeping wave of thick segments, and both ends of those off the normal."""
         size, late = self.radius * self.sine, self.length * self.cosine
         period = 2.0 * math.pi / (highest - lowest)
         thick = size > max(THICK / lowest, period / CREEPING)
         ends = np.abs(late) > period / 2.0
-        parts = []
-        for wave, among in (("whole", ~thick), ("mirror", thick), ("creeping", thick)):
-            way = CREEPING * size * (wave == "creeping")
-            share = _crept(lowest * size) if wave == "creeping" else among
-            for side in (0.0, -1.0, 1.0):
-                rows = np.flatnonzero(among & (ends == (side != 0.0)))
-                some = replace(self.select(rows), wave=wave)
-                if side:
-                    length, across = side / (2.0 * some.cosine), np.zeros(len(rows))
-                    some = replace(some, length=length, cosine=across, end=True)
-                parts.append(ScattererPart(rows, side * late[rows] + way[rows], some, share[rows]))
-        return [part for part in parts if len(part.rows)]
+        rows, wave = paired(thick)
+        order, which = paired(ends[rows])
+        rows, wave, side = rows[order], wave[order], SIDES[which]
+        crept, end, some = wave == CREPT, np.abs(side), self.select(rows)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            length = np.where(end, side / (2.0 * some.cosine), some.length)
+        share = np.where(crept, _crept(lowest * size[rows]), 1.0)
+        offset = side * late[rows] + CREEPING * size[rows] * crept
+        strength = replace(
+            some, length=length, cosine=np.where(end, 0.0, some.cosine), wave=wave, end=end
+        )
+        return StrengthParts(rows, offset, share, strength)
 
 
 @dataclass(frozen=True)
@@ -138,7 +149,8 @@ class WoodCylinders(Scatterers):
         cosine = np.einsum("mi,mi->m", away, self.axis) / distance
         sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
         nearness = np.sqrt(distance / (distance + self.radius * sine))
-        return CylinderStrength(self.length, self.radius, sine, cosine, nearness)
+        whole = np.zeros((2, len(self)), np.int8)
+        return CylinderStrength(self.length, self.radius, sine, cosine, nearness, *whole)
 
 
 class WoodPopulation(Population):
@@ -303,6 +315,12 @@ def _table(wave: str) -> Cubics:
 
     first, last = (float(_coordinate(np.array(end))) for end in (1e-6, LARGEST))
     return Cubics.of(flattened, first, last, 3000)
+
+
+@lru_cache(maxsize=1)
+def _tables() -> tuple[float, float, int, np.ndarray]:
+    """Arguments of the kernels: all of ``WAVES``, one after the other."""
+    return *_table("whole").given[:3], np.concatenate([_table(wave).table for wave in WAVES])
 
 
 @lru_cache(maxsize=1)

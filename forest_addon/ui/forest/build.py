@@ -28,6 +28,7 @@ from ...base.places import ASSETS
 from ...base.progress import Progress
 from ...blender.jobs import Job, Task, Work
 from ...blender.sensors.objects import sensors_of
+from ...formats.toml_file import read_settings
 from ...spec import Scene
 from ..settings import exchange
 from ..settings.exchange import forestless, to_spec
@@ -62,7 +63,6 @@ class FOREST_OT_live(bpy.types.Operator):
     Only an operator is told of that, by the event that it is invoked with, the last one of the window.
     """
 
-    bl_idname = "forest.live"
     bl_label = "Grow Live"
     bl_options: ClassVar[set[str]] = {"INTERNAL"}
 
@@ -135,9 +135,7 @@ def settle(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, brought: bool
         _let_be[key] = mark
     if mark == props.built:
         _let_be.pop(key, None)
-    if not props.live or mark in (UNUSABLE, props.built, _let_be.get(key)):
-        return ""
-    return mark
+    return "" if not props.live or mark in (UNUSABLE, props.built, _let_be.get(key)) else mark
 
 
 def begin_live(scene: bpy.types.Scene) -> None:
@@ -281,9 +279,8 @@ def read_site(
 
 
 class FOREST_OT_build(Working, bpy.types.Operator):
-    """Grow the trees and plant them, in place of the forest that stands; results stay and are marked"""
+    """Grow the trees and plant them; a forest that stands is replaced, its results stay and are marked"""
 
-    bl_idname = "forest.build"
     bl_label = "Grow Forest"
 
     frame: bpy.props.BoolProperty(
@@ -305,7 +302,6 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             triangles_of,
         )
         from ...blender.site import build_site
-        from ...formats.toml_file import read_settings
         from ..results.finding import keep_forest
 
         demo = forestless(scene.forest_sensing)
@@ -351,7 +347,6 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 class FOREST_OT_new_seed(Button, bpy.types.Operator):
     """Throw the dice: another seed is another forest. Press Grow Forest to see it"""
 
-    bl_idname = "forest.new_seed"
     bl_label = "New Seed"
 
     def act(self, context: bpy.types.Context) -> str:

@@ -44,7 +44,7 @@ from ...spec import Clearing, HandTree
 from ..settings import exchange
 from ..settings.exchange import fill, read
 from ..shell.running import Button, obstacle
-from ..shell.views import chosen_planting, redraw_panels, see_through, select
+from ..shell.views import PLANTED, chosen_planting, redraw_panels, see_through, select
 from ..shell.words import free_name, keep, say
 
 Place = tuple[float, float]
@@ -180,13 +180,15 @@ def take_away(planting: Any, tree: StoodTree) -> None:
 class _OfSelected(Button):
     """An operator on selected trees of the forest, which does ``change(planting, tree)`` with each."""
 
-    nothing, fits = NO_TREES, staticmethod(lambda thing: STOOD_KEY in thing)
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        reason = super().obstacle(context)
-        there = context.mode == "OBJECT" and any(map(cls.fits, context.selected_objects))
-        return reason or ("" if there else say(cls.nothing))
+    needs = (
+        (
+            lambda context: (
+                context.mode == "OBJECT"
+                and any(STOOD_KEY in thing for thing in context.selected_objects)
+            ),
+            NO_TREES,
+        ),
+    )
 
     def act(self, context: bpy.types.Context) -> str | None:
         """Change each tree of a known planting; returns how many those are."""
@@ -208,7 +210,6 @@ class _OfSelected(Button):
 class FOREST_OT_lock_trees(_OfSelected, bpy.types.Operator):
     """Keep the selected trees where and as they stand, whatever is drawn around them"""
 
-    bl_idname = "forest.lock_trees"
     bl_label = "Lock Trees"
     change = staticmethod(set_tree)
 
@@ -216,7 +217,6 @@ class FOREST_OT_lock_trees(_OfSelected, bpy.types.Operator):
 class FOREST_OT_swap_trees(_OfSelected, bpy.types.Operator):
     """Make each selected tree the next variant of its species, and keep it so"""
 
-    bl_idname = "forest.swap_trees"
     bl_label = "Next Variant"
     change = staticmethod(swap_tree)
 
@@ -224,7 +224,6 @@ class FOREST_OT_swap_trees(_OfSelected, bpy.types.Operator):
 class FOREST_OT_remove_trees(_OfSelected, bpy.types.Operator):
     """Take the selected trees out of the forest, and have none drawn in their places"""
 
-    bl_idname = "forest.remove_trees"
     bl_label = "Remove Trees"
     change = staticmethod(take_away)
 
@@ -232,10 +231,16 @@ class FOREST_OT_remove_trees(_OfSelected, bpy.types.Operator):
 class FOREST_OT_adopt_trees(_OfSelected, bpy.types.Operator):
     """Plant the selected copies of trees where they stand: copied here or dragged from the Asset Browser"""
 
-    bl_idname = "forest.adopt_trees"
     bl_label = "Plant Copies"
     bl_options: ClassVar[set[str]] = {"UNDO"}
-    nothing, fits = NO_COPIES, staticmethod(copy_of)
+    needs = (
+        (
+            lambda context: (
+                context.mode == "OBJECT" and any(map(copy_of, context.selected_objects))
+            ),
+            NO_COPIES,
+        ),
+    )
 
     def act(self, context: bpy.types.Context) -> str | None:
         known, planted = plantings_by_label(context.scene), []
@@ -437,17 +442,14 @@ def _put_away(*_: object) -> None:
 class FOREST_OT_paint(Button, bpy.types.Operator):
     """Paint where this species stands, on the ground; press again when it is done"""
 
-    bl_idname = "forest.paint"
     bl_label = "Paint"
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        if context.mode not in ("OBJECT", PAINTING):
-            return say("Leave this mode first: painting begins in Object Mode")
-        reason = super().obstacle(context)
-        if not reason and chosen_planting(context.scene.forest_sensing) is None:
-            reason = say("There is no planting yet. Add one to the list")
-        return reason
+    needs = (
+        (
+            lambda context: context.mode in ("OBJECT", PAINTING),
+            keep("Leave this mode first: painting begins in Object Mode"),
+        ),
+        PLANTED,
+    )
 
     def act(self, context: bpy.types.Context) -> str:
         global _in_hand

@@ -205,7 +205,14 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         if context.scene.unit_settings.scale_length != 1:
             _draw_warning(layout, UNIT)
         if forestless(props):
-            _draw_start(layout)
+            # The start for a newcomer: two doors, and the way to a file.
+            _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow Forest"))
+            scan = layout.row()
+            scan.scale_y = BIG
+            scan.operator("forest.scan_here", icon="OUTLINER_OB_POINTCLOUD")
+            row = layout.row(align=True)
+            row.operator("forest.gallery", text="More Forests", icon="IMGDISPLAY")
+            row.operator("forest.load_scene", text="Open")
             return
         _draw_update(layout, context.scene)
         column = split(layout)
@@ -403,17 +410,6 @@ def _draw_files(row: bpy.types.UILayout) -> None:
     for name, icon in (("load_scene", "FILE_FOLDER"), ("save_scene", "FILE_TICK")):
         row.operator(f"forest.{name}", text="", icon=icon, emboss=False)
     row.operator("forest.export_others", text="", icon="EXPORT", emboss=False)
-
-
-def _draw_start(layout: bpy.types.UILayout) -> None:
-    """Draw the start for a newcomer: two doors, and the way to a file."""
-    _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow Forest"))
-    scan = layout.row()
-    scan.scale_y = BIG
-    scan.operator("forest.scan_here", icon="OUTLINER_OB_POINTCLOUD")
-    row = layout.row(align=True)
-    row.operator("forest.gallery", text="More Forests", icon="IMGDISPLAY")
-    row.operator("forest.load_scene", text="Open")
 
 
 def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:

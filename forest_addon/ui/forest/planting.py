@@ -39,6 +39,7 @@ from ...blender.scene.layout import (
 from ...spec import SpecError
 from ..shell.running import WhenReady, current, obstacle, show_no_job
 from ..shell.views import (
+    PLANTED,
     chosen_planting,
     draw_lines,
     holds,
@@ -76,20 +77,20 @@ _handle: Any = None
 class FOREST_OT_plant(WhenReady, bpy.types.Operator):
     """Plant the chosen species with a brush: click, drag, Ctrl to clear, Shift to move; press again to end"""
 
-    bl_idname = "forest.plant"
     bl_label = "Plant by Hand"
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
+    needs = (
+        PLANTED,
+        (
+            lambda context: context.area is not None and context.area.type == "VIEW_3D",
+            keep("Plant in a 3D view"),
+        ),
+    )
+
     @classmethod
     def obstacle(cls, context: bpy.types.Context) -> str:
-        if _working is not None:
-            return ""
-        reason = super().obstacle(context)
-        if not reason and chosen_planting(context.scene.forest_sensing) is None:
-            reason = say("There is no planting yet. Add one to the list")
-        if not reason and (context.area is None or context.area.type != "VIEW_3D"):
-            reason = say("Plant in a 3D view")
-        return reason
+        return super().obstacle(context) if _working is None else ""
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         global _working, _handle
@@ -332,7 +333,6 @@ class FOREST_OT_plant_dropped(bpy.types.Operator):
     Only an operator is told where the mouse is, by the event that it is invoked with.
     """
 
-    bl_idname = "forest.plant_dropped"
     bl_label = "Plant Dropped Tree"
     bl_options: ClassVar[set[str]] = {"INTERNAL"}
 

@@ -25,6 +25,8 @@ from ...blender.scene.instances import IGNORED_KEY, may_be_met
 from ...blender.scene.layout import is_ours
 from ...blender.scene.nodes import around
 from ...blender.sensors.objects import file_name, sensors_of
+from ...formats.ownership import Keeper, keeping
+from ...formats.toml_file import read_settings, write_settings
 from ..settings.exchange import from_spec, to_spec
 from ..settings.groups import text_of
 from ..settings.preferences import rays_of
@@ -113,9 +115,6 @@ def write_scene(scene: bpy.types.Scene, path: Path) -> str:
     SpecError : a value that cannot be used.
     OSError : a file cannot be written.
     """
-    from ...formats.ownership import Keeper, keeping
-    from ...formats.toml_file import write_settings
-
     path = path.resolve()
     settings, edited = to_spec(scene), edited_species(scene)
     origin = Path(bpy.path.abspath(scene.forest_sensing.folder))
@@ -168,9 +167,6 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
 
 def _with_edited(settings: spec.Scene, edited: Edited, path: Path) -> spec.Scene:
     """Write edited species into a folder beside a scene file; returns the settings that name them so."""
-    from ...formats.ownership import Keeper, keeping
-    from ...formats.toml_file import write_settings
-
     home = path.with_name(f"{path.stem}-species")
     names = {name: f"{home.name}/{Path(name).name}" for name in edited}
     with keeping(Keeper(home, "panel", advice=say("choose another name, or move it away"))):
@@ -193,8 +189,6 @@ def open_scene(
     ------
     SpecError : the file cannot be used; nothing is changed.
     """
-    from ...formats.toml_file import read_settings
-
     settings = read_settings(path, spec.Scene)
     if beside:
         settings = beside_cube(scene, settings)
@@ -221,7 +215,6 @@ def take_scene(
 class FOREST_OT_take_ground(Button, bpy.types.Operator, Taking):
     """Have the forest stand on the ground of a file: points, a raster or a surface"""
 
-    bl_idname = "forest.take_ground"
     bl_label = "Ground from File"
     filter_glob: bpy.props.StringProperty(default="*.laz;*.las;*.tif;*.asc", options={"HIDDEN"})
 
@@ -234,7 +227,6 @@ class FOREST_OT_take_ground(Button, bpy.types.Operator, Taking):
 class FOREST_OT_load_scene(Button, bpy.types.Operator, Taking):
     """Take forest and sensors from a scene file (.toml), the same that runs without a window"""
 
-    bl_idname = "forest.load_scene"
     bl_label = "Open Scene File"
     filename_ext = ".toml"
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
@@ -264,7 +256,6 @@ CLASSES = (
 class FOREST_OT_take_offset(Button, bpy.types.Operator):
     """Take the offset that puts the field on the terrain, rasters or tables of trees that it names"""
 
-    bl_idname = "forest.take_offset"
     bl_label = "Take Offset from Files"
 
     def act(self, context: bpy.types.Context) -> str:
@@ -286,7 +277,6 @@ class FOREST_OT_take_offset(Button, bpy.types.Operator):
 class FOREST_OT_save_scene(Reading, bpy.types.Operator, ExportHelper):
     """Write forest and sensors to a scene file (.toml) that gives the same results without a window"""
 
-    bl_idname = "forest.save_scene"
     bl_label = "Export Scene File"
     filename_ext = ".toml"
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
@@ -306,7 +296,6 @@ class FOREST_OT_save_scene(Reading, bpy.types.Operator, ExportHelper):
 class FOREST_OT_export_others(Reading, bpy.types.Operator):
     """Write the scene into a folder for other programs: OBJ parts, surveys of HELIOS++, JSON, .glb, .blend"""
 
-    bl_idname = "forest.export_others"
     bl_label = "Export for Other Programs"
     directory: bpy.props.StringProperty(
         name="Folder",

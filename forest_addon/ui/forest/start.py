@@ -80,7 +80,6 @@ GALLERY = (
 class FOREST_OT_gallery(bpy.types.Operator):
     """Forests to start from, with pictures"""
 
-    bl_idname = "forest.gallery"
     bl_label = "Gallery"
     bl_options: ClassVar[set[str]] = {"INTERNAL"}
 
@@ -159,7 +158,6 @@ class _WithPreset:
 class FOREST_OT_start(_WithPreset, WhenReady, bpy.types.Operator):
     """Take this set-up, species, field, sensors, and grow it; what else is in the scene stays"""
 
-    bl_idname = "forest.start"
     bl_label = "Start a Forest"
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
@@ -204,7 +202,6 @@ class FOREST_OT_start(_WithPreset, WhenReady, bpy.types.Operator):
 class FOREST_MT_start(bpy.types.Menu):
     """Set-ups to start from"""
 
-    bl_idname = "FOREST_MT_start"
     bl_label = "Forest"
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -276,7 +273,7 @@ def _draw_entry(
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in Add."""
-    menu.layout.menu(FOREST_MT_start.bl_idname, icon="OUTLINER_OB_CURVES")
+    menu.layout.menu(FOREST_MT_start.__name__, icon="OUTLINER_OB_CURVES")
 
 
 NEW_FILE = {"app_template": "", "use_empty": True}
@@ -289,7 +286,6 @@ _awaited: str | None = None  # the preset that the next new file is furnished wi
 class FOREST_OT_new(_WithPreset, bpy.types.Operator):
     """Start a new file with this forest: grown, lit, with a camera and its sensors"""
 
-    bl_idname = "forest.new"
     bl_label = "New Forest"
     bl_options: ClassVar[set[str]] = set()  # it cannot be repeated: the file of before is gone
 
@@ -316,7 +312,6 @@ class FOREST_OT_new(_WithPreset, bpy.types.Operator):
 class FOREST_OT_furnish(Working, bpy.types.Operator):
     """Take a set-up into this scene, grow it, light it, and look at it"""
 
-    bl_idname = "forest.furnish"
     bl_label = "Start Scene"
     bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
 
@@ -347,7 +342,6 @@ class FOREST_OT_furnish(Working, bpy.types.Operator):
 class FOREST_MT_new(bpy.types.Menu):
     """Forests to start a new file with"""
 
-    bl_idname = "FOREST_MT_new"
     bl_label = "Forest"
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -359,7 +353,7 @@ def draw_in_new(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     global _awaited
     _awaited = None  # who chooses anew has not started what was awaited
     menu.layout.separator()
-    menu.layout.menu(FOREST_MT_new.bl_idname, icon="OUTLINER_OB_CURVES")
+    menu.layout.menu(FOREST_MT_new.__name__, icon="OUTLINER_OB_CURVES")
 
 
 MENUS = (("VIEW3D_MT_add", draw_in_menu), ("TOPBAR_MT_file_new", draw_in_new))

@@ -18,7 +18,7 @@ from ...base.trimesh import LEAF
 from ...blender.scene import materials
 from ..settings.drawing import OfData, split
 from ..shell.running import WhenReady
-from ..shell.words import say
+from ..shell.words import keep
 from ..species import edit
 
 LEAFY = "maple"  # what grows first
@@ -78,7 +78,6 @@ class FOREST_PG_grown(bpy.types.PropertyGroup):
 class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
     """Grow one tree of a species at the 3D cursor"""
 
-    bl_idname = "forest.add_tree"
     bl_label = "L-system Tree"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO", "PRESET"}
 
@@ -98,22 +97,21 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
 class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
     """Grow this tree from its settings; objects, modifiers and materials stay"""
 
-    bl_idname = "forest.grow_again"
     bl_label = "Grow Again"
+    needs = (
+        (
+            lambda context: _is_grown(context.object),
+            keep("This is no tree of Add > Mesh > L-system Tree"),
+        ),
+        (
+            lambda context: context.object.data.is_editable,
+            keep("This tree is of another file: grow it there"),
+        ),
+    )
 
     new_seed: bpy.props.BoolProperty(
         name="New Seed", description="Another tree of the same species", options={"SKIP_SAVE"}
     )
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        if context.mode != "OBJECT":
-            return say("Leave this mode first: trees grow in Object Mode")
-        if not _is_grown(context.object):
-            return say("This is no tree of Add > Mesh > L-system Tree")
-        if not context.object.data.is_editable:
-            return say("This tree is of another file: grow it there")
-        return super().obstacle(context)
 
     def act(self, context: bpy.types.Context) -> str:
         old = context.object.data
@@ -191,7 +189,7 @@ def _grow(
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in Add > Mesh."""
-    menu.layout.operator(FOREST_OT_add_tree.bl_idname, icon="OUTLINER_OB_CURVES")
+    menu.layout.operator("forest.add_tree", icon="OUTLINER_OB_CURVES")
 
 
 MENUS = (("VIEW3D_MT_mesh_add", draw_in_menu),)

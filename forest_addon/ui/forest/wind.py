@@ -115,7 +115,6 @@ ENDINGS = {".abc": "Alembic", ".usd": "USD", ".usda": "USD", ".usdc": "USD", ".u
 class FOREST_OT_show_wind(Working, bpy.types.Operator):
     """Let the trees sway in views and renders, as sensors meet them"""
 
-    bl_idname = "forest.show_wind"
     bl_label = "Show Wind"
 
     def work(self, context: bpy.types.Context) -> Work:
@@ -146,7 +145,6 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
 class FOREST_OT_hide_wind(Button, bpy.types.Operator):
     """Let the trees stand at rest in views and renders"""
 
-    bl_idname = "forest.hide_wind"
     bl_label = "Hide Wind"
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
@@ -160,7 +158,6 @@ class FOREST_OT_hide_wind(Button, bpy.types.Operator):
 class FOREST_OT_bake_wind(Button, bpy.types.Operator):
     """Write the forest in the wind, frame by frame, to an Alembic (.abc) or USD file"""
 
-    bl_idname = "forest.bake_wind"
     bl_label = "Bake Wind"
     bl_options: ClassVar[set[str]] = {"REGISTER"}
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import bpy
 
@@ -20,9 +20,6 @@ from ...blender.sensors.objects import file_name, sensors_of
 from ..shell.running import Reading
 from ..shell.views import is_rendering, redraw_panels, show
 from ..shell.words import say
-
-if TYPE_CHECKING:
-    pass
 
 
 def blocks_of(result: Any) -> list[bpy.types.ID | None]:
@@ -171,7 +168,6 @@ HANDLERS = (("frame_change_pre", _to_frame), ("depsgraph_update_post", _look))
 class FOREST_OT_show_result(Reading, bpy.types.Operator):
     """Show these points alone, or hide them; with Shift beside those that are shown"""
 
-    bl_idname = "forest.show_result"
     bl_label = "Show Points"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     result: bpy.props.StringProperty(options={"HIDDEN"})

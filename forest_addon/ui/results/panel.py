@@ -6,7 +6,7 @@ Operators of a result's icons select its points, show its picture, play its soun
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import bpy
 import numpy as np
@@ -27,15 +27,17 @@ from ...blender.scene.layout import (
 from ...blender.scene.nodes import chosen_input, drawn_inputs
 from ...blender.sensors.objects import file_name
 from ...blender.show.cloud_nodes import is_measure, on_map
+from ...formats.crs import can_tell_crs
+from ...formats.wav import write_wav
+from ...results.coordinates import Offset
+from ...results.points import can_write, ending_of, write_points
+from ...sensing.reverb.auralise import normalised
 from ...spec import SpecError
 from ..settings.drawing import OnceStarted, icon_of, is_narrow, split
 from ..shell.running import Button, Reading
 from ..shell.views import icons, region_of, select
-from ..shell.words import label, label_of_kept, say
+from ..shell.words import keep, label, label_of_kept, say
 from .keep import blocks_of, let_go, points_of, record_of
-
-if TYPE_CHECKING:
-    from ...results.coordinates import Offset
 
 SIDE = 32  # pixels of an icon
 EDGE = 2  # of these, left free around it
@@ -164,8 +166,7 @@ def _draw_looks(layout: bpy.types.UILayout, result: Any) -> None:
     if record is not None and record.sound is not None:
         layout.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
     if result.picture is not None:
-        shown = layout.operator("forest.show_picture", text="", icon="IMAGE_DATA")
-        shown.result = result.name
+        layout.operator("forest.show_picture", text="", icon="IMAGE_DATA").result = result.name
 
 
 def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
@@ -200,16 +201,15 @@ _playing: Any = None  # what sounds now, and its sound; it stops when nobody hol
 class FOREST_OT_select_result(Reading, bpy.types.Operator):
     """Select these points and show them"""
 
-    bl_idname = "forest.select_result"
     bl_label = "Select Points"
+    needs = (
+        (
+            lambda context: context.mode == "OBJECT",
+            keep("Leave this mode first: objects are selected in Object Mode"),
+        ),
+    )
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     shown: bpy.props.StringProperty(options={"HIDDEN"})
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        if context.mode == "OBJECT":
-            return ""
-        return say("Leave this mode first: objects are selected in Object Mode")
 
     def act(self, context: bpy.types.Context) -> str:
         thing = context.scene.objects.get(self.shown)
@@ -223,7 +223,6 @@ class FOREST_OT_select_result(Reading, bpy.types.Operator):
 class FOREST_OT_play(Reading, bpy.types.Operator):
     """Play it: a reverb as the chosen sound is heard in the forest, an echo slowed down for human ears"""
 
-    bl_idname = "forest.play"
     bl_label = "Play"
     sensor: bpy.props.StringProperty(options={"HIDDEN"})
 
@@ -255,7 +254,6 @@ def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
     SpecError : the file of the dry sound cannot be used.
     """
     from ...results.dry_sounds import PEAK_DB, dry_sound
-    from ...sensing.reverb.auralise import normalised
     from .finding import unpack
 
     if not result.found:
@@ -276,7 +274,6 @@ def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
 class FOREST_OT_show_picture(Reading, bpy.types.Operator):
     """Show this picture in an Image Editor, below this view where none is open"""
 
-    bl_idname = "forest.show_picture"
     bl_label = "Show in Image Editor"
     result: bpy.props.StringProperty(options={"HIDDEN"})
 
@@ -318,8 +315,6 @@ WORDS = {
 
 def endings_of(result: Any) -> tuple[str, ...]:
     """Return the endings of files that a result can be written to; none where nothing of it is kept."""
-    from ...results.points import can_write
-
     if not (result.found or _scan_of(result)):
         return ()
     return tuple(ending for ending in record_of(result).endings if can_write(ending))
@@ -338,9 +333,7 @@ def _scan_of(result: Any) -> bpy.types.Mesh | None:
 def _write(path: Path, result: Any, label: str) -> Offset:
     """Write a result as it is shown; returns the offset that was added to its positions."""
     from ...blender.show.cloud import kept_scan
-    from ...results.coordinates import Offset
     from ...results.kinds import write_as
-    from ...results.points import write_points
     from .finding import unpack
 
     data = _scan_of(result)
@@ -357,7 +350,6 @@ def _write(path: Path, result: Any, label: str) -> Offset:
 class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
     """Write this result to a file; its ending says in which format"""
 
-    bl_idname = "forest.export_result"
     bl_label = "Export Result"
     filename_ext = ""
     check_extension = False
@@ -398,8 +390,6 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
 
     def check(self, _context: bpy.types.Context) -> bool:
         """The name follows the format that is chosen beside it."""
-        from ...results.points import ending_of
-
         path, before = Path(self.filepath), self.filepath
         had = ending_of(path)
         if had in WORDS and path.name:
@@ -420,10 +410,6 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
                 self.layout.prop(props, "dry", text="")
 
     def act(self, context: bpy.types.Context) -> str:
-        from ...formats.crs import can_tell_crs
-        from ...formats.wav import write_wav
-        from ...results.points import ending_of
-
         endings = self._endings(context)
         if not endings:
             problem = say("{name} is not kept in this file. Run its sensor again", name=self.result)
@@ -456,7 +442,6 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
 class FOREST_OT_remove_result(Button, bpy.types.Operator):
     """Remove this result, with its points and its picture; files that were written stay"""
 
-    bl_idname = "forest.remove_result"
     bl_label = "Remove Result"
 
     result: bpy.props.StringProperty(options={"HIDDEN"})

@@ -240,7 +240,6 @@ def _heights(thing: bpy.types.Object, x: float, y: float) -> list[float]:
 class FOREST_OT_add_sensor(Button, bpy.types.Operator):
     """Add a sensor as an object at the 3D cursor: move it, turn it, parent it, key it"""
 
-    bl_idname = "forest.add_sensor"
     bl_label = "Add Sensor"
 
     kind: bpy.props.EnumProperty(
@@ -265,7 +264,6 @@ class FOREST_OT_add_sensor(Button, bpy.types.Operator):
 class FOREST_OT_scan_here(Button, bpy.types.Operator):
     """Put a LiDAR scanner on a tripod at the 3D cursor, in any scene: no forest is needed"""
 
-    bl_idname = "forest.scan_here"
     bl_label = "Scan This Scene"
 
     def act(self, context: bpy.types.Context) -> str:
@@ -276,15 +274,8 @@ class FOREST_OT_scan_here(Button, bpy.types.Operator):
 class FOREST_OT_remove_sensor(Button, bpy.types.Operator):
     """Remove the chosen sensor; what it found stays"""
 
-    bl_idname = "forest.remove_sensor"
     bl_label = "Remove Sensor"
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        reason = super().obstacle(context)
-        if not reason and chosen_sensor(context) is None:
-            reason = say("There is no sensor to remove")
-        return reason
+    needs = ((chosen_sensor, keep("There is no sensor to remove")),)
 
     def act(self, context: bpy.types.Context) -> str:
         sensors.remove_sensor(chosen_sensor(context))
@@ -294,15 +285,16 @@ class FOREST_OT_remove_sensor(Button, bpy.types.Operator):
 class FOREST_OT_adopt_sensor(Button, bpy.types.Operator):
     """Make a sensor that came from another file or scene one of this scene, with its receiver or path"""
 
-    bl_idname = "forest.adopt_sensor"
     bl_label = "Adopt Sensor"
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        reason, thing = super().obstacle(context), context.view_layer.objects.active
-        if not reason and (thing is None or not sensors.is_foreign(context.scene, thing)):
-            reason = say("The active object is no sensor of another file or scene")
-        return reason
+    needs = (
+        (
+            lambda context: (
+                (thing := context.view_layer.objects.active) is not None
+                and sensors.is_foreign(context.scene, thing)
+            ),
+            keep("The active object is no sensor of another file or scene"),
+        ),
+    )
 
     def act(self, context: bpy.types.Context) -> str:
         made = sensors.adopt(context.scene, context.view_layer.objects.active)
@@ -314,7 +306,6 @@ class FOREST_OT_adopt_sensor(Button, bpy.types.Operator):
 class FOREST_MT_sensors(bpy.types.Menu):
     """Sensors to add"""
 
-    bl_idname = "FOREST_MT_sensors"
     bl_label = "Sensor"
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -326,7 +317,7 @@ class FOREST_MT_sensors(bpy.types.Menu):
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in Add."""
-    menu.layout.menu(FOREST_MT_sensors.bl_idname, icon="OUTLINER_OB_LIGHTPROBE")
+    menu.layout.menu(FOREST_MT_sensors.__name__, icon="OUTLINER_OB_LIGHTPROBE")
 
 
 MENUS = (("VIEW3D_MT_add", draw_in_menu),)

@@ -38,7 +38,6 @@ POLICIES = (
 class FOREST_OT_add_flight(Button, bpy.types.Operator):
     """Add a flyer with a LiDAR and two ears that go along with it"""
 
-    bl_idname = "forest.add_flight"
     bl_label = "Flight"
 
     def act(self, context: bpy.types.Context) -> str:
@@ -71,7 +70,6 @@ def flyer_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
 class FOREST_OT_fly(Working, bpy.types.Operator):
     """Fly from where the flyer stands to its aim, through all that stands in the scene, and animate it"""
 
-    bl_idname = "forest.fly"
     bl_label = "Fly"
 
     policy: bpy.props.EnumProperty(

@@ -36,6 +36,10 @@ FONT, SIZE, LINE = 0, 12, 18  # the size in points, the height of a line in pixe
 NO_EYES = keep("Choose a scanner or a sonar: this sensor has no eyes")
 
 
+def _sees(thing: bpy.types.Object | None) -> bool:
+    return thing is not None and KINDS[sensors.kind_of(thing)].glance is not None
+
+
 @dataclass
 class Eye:
     """Live image of a scene's chosen scanner.
@@ -59,7 +63,7 @@ class Eye:
         """Make the image anew where something has changed; returns whether there is a new one."""
         thing = chosen_sensor(context)
         try:
-            if thing is None or KINDS[sensors.kind_of(thing)].glance is None:
+            if not _sees(thing):
                 wanted: Any = say(NO_EYES)
             else:
                 wanted = _placed(context, sensor_of(thing))
@@ -107,18 +111,13 @@ _reading = False
 class FOREST_OT_look_through(WhenReady, bpy.types.Operator):
     """Show live what the chosen scanner sees, or a sonar at the 3D cursor hears; press again to end"""
 
-    bl_idname = "forest.look_through"
     bl_label = "Look Through"
     bl_options: ClassVar[set[str]] = set()
+    needs = ((lambda context: _sees(chosen_sensor(context)), NO_EYES),)
 
     @classmethod
     def obstacle(cls, context: bpy.types.Context) -> str:
-        if _eye is not None:
-            return ""
-        thing = chosen_sensor(context)
-        if thing is None or KINDS[sensors.kind_of(thing)].glance is None:
-            return say(NO_EYES)
-        return super().obstacle(context)
+        return super().obstacle(context) if _eye is None else ""
 
     def act(self, context: bpy.types.Context) -> str:
         if _eye is not None:
@@ -135,7 +134,7 @@ def draw_switch(
     layout: bpy.types.UILayout, context: bpy.types.Context, thing: bpy.types.Object | None
 ) -> None:
     """Draw the button for the chosen sensor, and what the image shows while it is on."""
-    if _eye is None and (thing is None or KINDS[sensors.kind_of(thing)].glance is None):
+    if _eye is None and not _sees(thing):
         return
     hears = thing is not None and KINDS[sensors.kind_of(thing)].listens
     text = label("Listen Here") if hears else label("Look Through")

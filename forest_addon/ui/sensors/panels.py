@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import bpy
 
@@ -20,6 +20,7 @@ from ...blender.scene.instances import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.scene.layout import CLOUD_KEY
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import kind_of
+from ...formats.toml_file import ScannerFile, read_scanner, scanner_names
 from ...sensing.kinds import KINDS
 from ...spec.choices import meaning_of, title_of
 from ..forest.wind import draw_wind
@@ -49,9 +50,6 @@ from ..shell.running import current, draw_job
 from ..shell.views import chosen, chosen_sensor, chosen_settings
 from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
-
-if TYPE_CHECKING:
-    from ...formats.toml_file import ScannerFile
 
 KIND_KEY, INDEX_KEY, SHARE_KEY, GAIN_KEY = (
     spec.property_of(name) for name in ("optics", "index", "mirror", "gain")
@@ -294,8 +292,6 @@ OWN = "My Own"
 @cache
 def instruments() -> dict[str, ScannerFile]:
     """Every instrument that the add-on brings, by the name of its file; read once."""
-    from ...formats.toml_file import read_scanner, scanner_names
-
     return {name: read_scanner(name) for name in scanner_names()}
 
 
@@ -329,7 +325,6 @@ def figures_of(file: ScannerFile, kind: str) -> str:
 class FOREST_OT_choose_instrument(bpy.types.Operator):
     """Start from an instrument's published figures"""
 
-    bl_idname = "forest.choose_instrument"
     bl_label = "Instrument"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO", "INTERNAL"}
 
@@ -367,10 +362,9 @@ class FOREST_MT_instruments(bpy.types.Menu):
         kind = sensors.kind_of(thing)
         for name, file in instruments().items():
             if kind in file.tables:
-                title = short(file.title)
-                choose = self.layout.operator(FOREST_OT_choose_instrument.bl_idname, text=title)
+                choose = self.layout.operator("forest.choose_instrument", text=short(file.title))
                 choose.scanner = name
-        none = self.layout.operator(FOREST_OT_choose_instrument.bl_idname, text=label(OWN))
+        none = self.layout.operator("forest.choose_instrument", text=label(OWN))
         none.scanner = ""
 
 
@@ -517,23 +511,18 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         layout.label(text="Where It Goes")
         draw_listed(layout, group, "poses", "pose")
     elif kind == "reverb":
-        _draw_further(layout, group)
-
-
-def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:
-    """Further sources and receivers of a reverb: places, and objects that are picked."""
-    for end, title in (
-        ("source", keep("Further Sources")),
-        ("receiver", keep("Further Receivers")),
-    ):
-        layout.label(text=label_kept(title))
-        draw_listed(layout, group, f"{end}s", end, "places")
-        objects = f"{end}_objects"
-        layout.label(text=name_in(type(group), objects))
-        items = f"{objects}_pointers"
-        draw_list(layout, group, items, f"{end}_object", "objects")
-        if getattr(group, items):
-            split(layout).prop(chosen(group, items), "thing")
+        for end, title in (
+            ("source", keep("Further Sources")),
+            ("receiver", keep("Further Receivers")),
+        ):
+            layout.label(text=label_kept(title))
+            draw_listed(layout, group, f"{end}s", end, "places")
+            objects = f"{end}_objects"
+            layout.label(text=name_in(type(group), objects))
+            items = f"{objects}_pointers"
+            draw_list(layout, group, items, f"{end}_object", "objects")
+            if getattr(group, items):
+                split(layout).prop(chosen(group, items), "thing")
 
 
 class FOREST_PT_thing(OfSensors, bpy.types.Panel):

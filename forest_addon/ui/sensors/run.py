@@ -16,6 +16,8 @@ import numpy as np
 from ...blender.jobs import Task, Work
 from ...blender.scene.instances import may_be_met, planted_names
 from ...blender.sensors import objects as sensors
+from ...formats.ownership import Keeper, keeping
+from ...results.coordinates import Offset
 from ...sensing.kind import Cost, note_pace
 from ...sensing.kinds import choose, cost_of, kind_of
 from ...spec import Sensor, SpecError
@@ -30,7 +32,6 @@ from .panels import is_unrendered
 
 if TYPE_CHECKING:
     from ...blender.sensors.observe import Observer
-    from ...results.coordinates import Offset
     from ...results.kind import Finding
 
 LONG = 60.0  # s; what takes longer is asked about
@@ -102,7 +103,6 @@ def memory_of(found: list[Cost], kept: int = 1) -> float:
 
 def cost_in_words(found: list[Cost], frames: int = 1, keep: bool = False) -> str:
     """22.5 M pulses, about 5 min, 1.8 GB."""
-
     parts = []
     for what in ("pulses", "pings", "channels", "runs"):
         number = frames * sum(cost.count for cost in found if cost.what == what)
@@ -196,8 +196,17 @@ SHOWN = 40  # letters of a name
 class FOREST_OT_run(Working, bpy.types.Operator):
     """Run sensors in the scene as it is evaluated now, or on every frame of the frame range"""
 
-    bl_idname = "forest.run"
     bl_label = "Run Sensor"
+    needs = (
+        (
+            lambda context: sensors.sensors_of(context.scene),
+            keep("There is no sensor yet. Add one to the list"),
+        ),
+        (
+            lambda context: any(map(may_be_met, context.view_layer.objects)),
+            keep("There is nothing to sense in this scene. Grow a forest first"),
+        ),
+    )
 
     sensor: bpy.props.StringProperty(
         name="Sensor",
@@ -245,15 +254,6 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                     )
                 )
         return super().invoke(context, event)
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        reason = super().obstacle(context)
-        if not reason and not sensors.sensors_of(context.scene):
-            reason = say("There is no sensor yet. Add one to the list")
-        if not reason and not any(may_be_met(thing) for thing in context.view_layer.objects):
-            reason = say("There is nothing to sense in this scene. Grow a forest first")
-        return reason
 
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
@@ -366,7 +366,6 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead: Ahead,
     ) -> Work:
         """Run one sensor."""
-        from ...results.coordinates import Offset
         from ...stand.plan import labels
         from ..results.finding import keep_finding, note_audit, note_figures
 
@@ -421,7 +420,6 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
     def _save(self, folder: Path, name: str, sensor: Sensor, found: Finding, offset: Offset) -> str:
         """Save a result where nothing of the user's is replaced; returns the end of the sentence on it."""
-        from ...formats.ownership import Keeper, keeping
         from ...results.kinds import write_finding
 
         advice = say("choose another folder, or move it away")
@@ -442,7 +440,6 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 class FOREST_MT_forest(bpy.types.Menu):
     """Menu through which a search by F3 finds what grows and runs: it looks through those of the view."""
 
-    bl_idname = "FOREST_MT_forest"
     bl_label = "Forest"
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -460,7 +457,7 @@ class FOREST_MT_forest(bpy.types.Menu):
 
 def draw_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in the view's menu *Object*."""
-    menu.layout.menu(FOREST_MT_forest.bl_idname, icon="OUTLINER_OB_CURVES")
+    menu.layout.menu(FOREST_MT_forest.__name__, icon="OUTLINER_OB_CURVES")
 
 
 MENUS = (("VIEW3D_MT_object", draw_menu),)
@@ -469,7 +466,6 @@ MENUS = (("VIEW3D_MT_object", draw_menu),)
 class FOREST_OT_run_large(bpy.types.Operator):
     """Ask before what takes long or much memory"""
 
-    bl_idname = "forest.run_large"
     bl_label = "Run All the Same"
     bl_options: ClassVar[set[str]] = {"INTERNAL"}
 
@@ -499,8 +495,8 @@ class FOREST_OT_run_large(bpy.types.Operator):
 class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
     """Run sensors on every frame of the frame range; asks first how many, and where results go"""
 
-    bl_idname = "forest.run_frames"
     bl_label = "Run Frame Range"
+    needs = FOREST_OT_run.needs
     bl_options: ClassVar[set[str]] = set()
 
     which: bpy.props.EnumProperty(
@@ -517,10 +513,6 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
         name="Keep in File",
         description="Points and pictures of all frames stay in this file; the timeline shows them",
     )
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        return str(FOREST_OT_run.obstacle(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if bpy.app.background:

@@ -18,7 +18,7 @@ from ...sensing.kinds import KINDS
 from ...spec.choices import applies, is_advanced
 from ..shell.running import Button
 from ..shell.views import chosen
-from ..shell.words import label, say
+from ..shell.words import keep, label
 from . import hills
 from .exchange import forestless, untouched
 from .groups import FACE, PARTS
@@ -275,68 +275,49 @@ def buttons(
     title : what people call an item. adds : the help of the button that adds.
     start : the first settings of a new item, which is the last of the list by then.
     """
-    said = {
-        "add": {"__doc__": adds, "start": staticmethod(start)},
-        "remove": {"__doc__": f"Remove the chosen {title.lower()}"},
-    }
+    owned = (lambda context: listed.owner(context) is not None, listed.no_owner)
+    empty = keep("The list is empty: there is nothing to remove")
+    filled = (lambda context: len(getattr(listed.owner(context), listed.items)) > 0, empty)
     add, remove = (
         type(
             f"FOREST_OT_{verb}_{thing}",
-            (kind, bpy.types.Operator),
-            said[verb]
-            | {
-                "bl_idname": f"forest.{verb}_{thing}",
+            (_Listing, bpy.types.Operator),
+            {
+                "__doc__": words,
                 "bl_label": f"{verb.title()} {title}",
+                "needs": needs,
                 "listed": listed,
+                "start": start and staticmethod(start),
             },
         )
-        for verb, kind in (("add", _Add), ("remove", _Remove))
+        for verb, words, needs, start in (
+            ("add", adds, (owned,), start),
+            ("remove", f"Remove the chosen {title.lower()}", (owned, filled), None),
+        )
     )
     return add, remove
 
 
 class _Listing(Button):
-    """A button beside a list."""
+    """A button that adds an item to a list, with ``start`` for its first settings; without, removes one."""
 
     # Not ClassVar[Listed]: Blender 4.5 evaluates it, typing keeps what it evaluated, by that this module and
     # by that bpy, which then cannot end: a process with bpy as a module would wait for ever.
     listed: ClassVar[Any]
-
-    @classmethod
-    def obstacle(cls, context: Context) -> str:
-        reason = super().obstacle(context)
-        if not reason and cls.listed.owner(context) is None:
-            reason = say(cls.listed.no_owner)
-        return reason
+    start: ClassVar[Any]
 
     def act(self, context: Context) -> str:
         owner, name = self.listed.owner(context), self.listed.items
-        number = self.change(getattr(owner, name), getattr(owner, f"active_{name}"), context)
+        items, active = getattr(owner, name), getattr(owner, f"active_{name}")
+        if self.start:
+            item = items.add()
+            for key, value in self.start(context).items():
+                setattr(item, key, value)
+            active = len(items)
+        else:
+            items.remove(active)
         hills.renew(context.scene)
-        setattr(owner, f"active_{name}", number)
+        setattr(owner, f"active_{name}", max(0, min(active, len(items) - 1)))
         self.listed.changed(owner)
         context.scene.update_tag()
         return ""
-
-
-class _Add(_Listing):
-    def change(self, items: Any, _active: int, context: Context) -> int:
-        """Add one item; returns its number."""
-        item = items.add()
-        for name, value in self.start(context).items():
-            setattr(item, name, value)
-        return len(items) - 1
-
-
-class _Remove(_Listing):
-    @classmethod
-    def obstacle(cls, context: Context) -> str:
-        reason = super().obstacle(context)
-        if reason or len(getattr(cls.listed.owner(context), cls.listed.items)):
-            return reason
-        return say("The list is empty: there is nothing to remove")
-
-    def change(self, items: Any, active: int, _context: Context) -> int:
-        """Remove the chosen item; returns the number of the one that is chosen then."""
-        items.remove(active)
-        return max(0, min(active, len(items) - 1))

@@ -20,6 +20,7 @@ from ... import spec
 from ...blender.scene.layout import shortest
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import file_name
+from ...formats.toml_file import settings_of, structure
 from ...spec import Settings, SpecError
 from ..shell.views import redraw_panels
 from ..shell.words import say
@@ -243,8 +244,6 @@ def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None)
 
 def take_scanner(props: Any, context: Any) -> None:
     """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
-    from ...formats.toml_file import settings_of, structure
-
     kind = type(props).__name__.removeprefix("FOREST_PG_")
     folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     try:

@@ -31,7 +31,7 @@ from ...base import places
 from ...base.places import ROOT
 from ...spec import Settings
 from ..shell.running import Reading
-from ..shell.words import label, say
+from ..shell.words import keep, label, say
 from .groups import FACE, fields_of, property_of
 
 ADDON = (__package__ or "").split(".forest_addon")[0].removesuffix(".ui")
@@ -68,12 +68,8 @@ class FOREST_AP_preferences(bpy.types.AddonPreferences):
 class FOREST_OT_clear_cache(Reading, bpy.types.Operator):
     """Remove what is cached; it is computed again when it is needed"""
 
-    bl_idname = "forest.clear_cache"
     bl_label = "Clear Cache"
-
-    @classmethod
-    def obstacle(cls, _context: bpy.types.Context) -> str:
-        return "" if cache_folder().is_dir() else say("The cache is empty")
+    needs = ((lambda _context: cache_folder().is_dir(), keep("The cache is empty")),)
 
     def act(self, _context: bpy.types.Context) -> str:
         size = cache_size()

@@ -17,6 +17,8 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 from ... import spec
+from ...formats.atomic import replacing
+from ...formats.toml_file import structure, table_of
 from ...sensing.kinds import KINDS
 from ...spec import SpecError
 from ..shell.running import Reading, in_words
@@ -64,8 +66,6 @@ def apply(kind: str, context: bpy.types.Context, values: dict[str, Any]) -> None
     ------
     SpecError : a value that cannot be used; nothing is changed.
     """
-    from ...formats.toml_file import structure
-
     names = [f.name for f in fields(SETTINGS[kind]) if _is_kept(kind, f.name)]  # type: ignore[arg-type]
     left = {n: value for n, value in _table(kind, context).items() if n not in names}
     known = {name: values[name] for name in names if name in values}
@@ -83,8 +83,6 @@ def _is_kept(kind: str, name: str) -> bool:
 
 def _table(kind: str, context: bpy.types.Context) -> dict[str, Any]:
     """Every setting of the chosen one, as a table of a scene file."""
-    from ...formats.toml_file import table_of
-
     if kind in spec.SENSORS:
         return table_of(exchange.sensor_of(chosen_sensor(context)), whole=True)
     return table_of(exchange.read(group_of(kind, context), SETTINGS[kind]), whole=True)
@@ -100,7 +98,6 @@ def draw_presets(layout: bpy.types.UILayout, name: str) -> None:
 class FOREST_OT_apply_preset(Reading, bpy.types.Operator):
     """Set the chosen sensor or planting, or the wind, as a preset says"""
 
-    bl_idname = "forest.apply_preset"
     bl_label = "Apply Preset"
     bl_options: ClassVar[set[str]] = {"INTERNAL", "UNDO"}
 
@@ -128,8 +125,6 @@ class _PresetButton(AddPresetBase):
 
     def add(self, context: bpy.types.Context, path: str) -> None:
         """Write the file of a preset; Blender calls it."""
-        from ...formats.atomic import replacing
-
         try:
             values = json.dumps(values_of(self.kind, context))
         except SpecError as problem:
@@ -160,7 +155,6 @@ def _classes(kind: str) -> tuple[type, type]:
         (_PresetButton, bpy.types.Operator),
         {
             "__doc__": "Keep these settings as a preset, or remove one",
-            "bl_idname": f"forest.preset_{kind}",
             "bl_label": "Add Preset",
             "preset_menu": name,
             "preset_subdir": folder,

@@ -27,9 +27,10 @@ from ...base.places import ASSETS
 from ...blender.scene.instances import SOLID_TYPES, SPECIES_KEY
 from ...blender.sensors import objects as sensors
 from ...blender.show.intensity import HANDLE_KEY
+from ...formats.toml_file import read_scanner, scanner_names
 from ...spec import Param, SpecError
 from ..shell.running import Button
-from ..shell.words import say
+from ..shell.words import keep, say
 
 
 @dataclass(frozen=True)
@@ -152,16 +153,6 @@ def listed_anew(group: Any, name: str) -> None:
     _set_text(group, name, _names_in(getattr(group, f"{name}_pointers")))
 
 
-def renew_texts(groups: Iterable[Any]) -> None:
-    """Have texts say what things are called now, for whoever reads the file without pointers."""
-    for group, name in product(groups, REFERENCES):
-        if {f"{name}_pointer", f"{name}_pointers"} & set(group.bl_rna.properties.keys()):
-            with suppress(SpecError):
-                text = name_of(group, name)
-                if getattr(group, name) != text:
-                    _set_text(group, name, text)
-
-
 def _names_in(items: Any) -> str:
     names = (item.thing.name if item.thing else item.name for item in items)
     return ", ".join(filter(None, names))
@@ -170,8 +161,7 @@ def _names_in(items: Any) -> str:
 def _check(key: str, thing: Any) -> None:
     """One that was deleted lives on for the pointer's sake alone."""
     if isinstance(thing, bpy.types.Object) and not thing.users_collection:
-        problem = say('"{name}" was deleted; choose another, or none', name=thing.name)
-        raise SpecError(key, problem)
+        raise SpecError(key, say('"{name}" was deleted; choose another, or none', name=thing.name))
 
 
 def _find(group: Any, name: str) -> None:
@@ -264,8 +254,6 @@ def _planted(_group: Any, context: Any, typed: str) -> list[str]:
 
 def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
     """Presets that are used on this platform."""
-    from ...formats.toml_file import read_scanner, scanner_names
-
     kind = type(group).__name__.removeprefix("FOREST_PG_")
     return [n for n in _matching(scanner_names(), typed) if kind in read_scanner(n).tables]
 
@@ -290,20 +278,18 @@ log = logging.getLogger(__name__)
 class FOREST_OT_take_note(Button, bpy.types.Operator):
     """Remove this message"""
 
-    bl_idname = "forest.take_note"
     bl_label = "Dismiss"
+    needs = (
+        (
+            lambda context: context.scene.forest_sensing.notice,
+            keep("There is nothing to take note of"),
+        ),
+    )
 
     @classmethod
     def description(cls, context: bpy.types.Context, _properties: Any) -> str:
         notice = context.scene.forest_sensing.notice
         return say("{notice}. Press to take this line away", notice=notice)
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        reason = super().obstacle(context)
-        if not reason and not context.scene.forest_sensing.notice:
-            reason = say("There is nothing to take note of")
-        return reason
 
     def act(self, context: bpy.types.Context) -> str:
         context.scene.forest_sensing.property_unset("notice")
@@ -354,7 +340,14 @@ def _sign(*_: object) -> None:
             props.layout = max(LAYOUT, props.layout)
             things = sensors.sensors_of(scene)
             of_sensors = (getattr(t.forest_sensor, sensors.kind_of(t)) for t in things)
-            renew_texts([props.forest.terrain, *props.plantings, *of_sensors])
+            for group, name in product(
+                ([props.forest.terrain, *props.plantings, *of_sensors]), REFERENCES
+            ):
+                if {f"{name}_pointer", f"{name}_pointers"} & set(group.bl_rna.properties.keys()):
+                    with suppress(SpecError):
+                        text = name_of(group, name)
+                        if getattr(group, name) != text:
+                            _set_text(group, name, text)
 
 
 def _has_settings(scene: bpy.types.Scene) -> bool:

@@ -153,15 +153,41 @@ def stop() -> None:
         job.cancel()
 
 
+def obstacle(context: bpy.types.Context) -> str:
+    """Return why nothing can be computed now; empty where it can."""
+    if missing():
+        return say("{missing}. The panel says what to do", missing=packages_in_words(missing()))
+    job = current()
+    if job is not None:
+        if job.over:
+            return say("{job} is stopping; only one job runs at a time", job=job.title)
+        return say("{job} is running; only one job runs at a time", job=job.title)
+    if context.mode != "OBJECT":
+        return say("Leave this mode first: forests are grown and sensed in Object Mode")
+    return linked(context)
+
+
+def linked(context: bpy.types.Context) -> str:
+    """Return why a scene cannot be changed; empty where it can."""
+    return "" if context.scene.is_editable else say(LINKED)
+
+
 class Button:
-    """Base of the panel's operators: why one cannot be pressed now, what it does, what is said of it."""
+    """Base of the panel's operators: why one cannot be pressed now, what it does, what is said of it.
+
+    ready : says why none of its kind can be pressed now. needs : what must hold of the context for this one,
+    each with what is said where it does not.
+    """
 
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    ready = staticmethod(linked)
+    needs: ClassVar[Any] = ()
 
     @classmethod
     def obstacle(cls, context: bpy.types.Context) -> str:
         """Return why it cannot be pressed now; empty where it can."""
-        return "" if context.scene.is_editable else say(LINKED)
+        unmet = (say(words) for holds, words in cls.needs if not holds(context))
+        return cls.ready(context) or next(unmet, "")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -196,10 +222,7 @@ class Reading(Button):
     """An operator that changes nothing in the scene, which may be linked from another file."""
 
     bl_options: ClassVar[set[str]] = {"REGISTER"}
-
-    @classmethod
-    def obstacle(cls, _context: bpy.types.Context) -> str:
-        return ""
+    ready = staticmethod(lambda _context: "")
 
 
 class Taking(ImportHelper):
@@ -243,9 +266,7 @@ def press(operator: Callable[..., set[str]], **settings: object) -> set[str]:
 class WhenReady(Button):
     """An operator that can be used when no job runs, in Object Mode."""
 
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        return obstacle(context)
+    ready = staticmethod(obstacle)
 
 
 class Working(WhenReady):
@@ -331,12 +352,8 @@ class Working(WhenReady):
 class FOREST_OT_cancel(Reading, bpy.types.Operator):
     """Stop what is running; what was there before stays as it was"""
 
-    bl_idname = "forest.cancel"
     bl_label = "Cancel"
-
-    @classmethod
-    def obstacle(cls, _context: bpy.types.Context) -> str:
-        return say("Nothing is running") if current() is None else ""
+    needs = ((lambda _context: current() is not None, keep("Nothing is running")),)
 
     def act(self, _context: bpy.types.Context) -> str:
         stop()
@@ -363,22 +380,6 @@ def getting_ready(*rooms: str) -> Task:
                 time.sleep(TICK)
 
     return Task(say("getting ready"), patiently, whole=True)
-
-
-def obstacle(context: bpy.types.Context) -> str:
-    """Return why nothing can be computed now; empty where it can."""
-    if missing():
-        return say("{missing}. The panel says what to do", missing=packages_in_words(missing()))
-    job = current()
-    if job is not None:
-        if job.over:
-            return say("{job} is stopping; only one job runs at a time", job=job.title)
-        return say("{job} is running; only one job runs at a time", job=job.title)
-    if context.mode != "OBJECT":
-        return say("Leave this mode first: forests are grown and sensed in Object Mode")
-    if not context.scene.is_editable:
-        return say(LINKED)
-    return ""
 
 
 def in_words(problem: BaseException) -> str:

@@ -12,6 +12,7 @@ from mathutils import Vector
 
 from ...blender.sensors import objects as sensors
 from ...spec import Forest
+from .words import keep
 
 TAB = "Forest"
 PANELS = {"VIEW_3D": "UI", "PROPERTIES": "WINDOW"}  # where panels of ours are, by the kind of area
@@ -183,6 +184,13 @@ def chosen_planting(props: Any) -> Any:
     """The planting that is chosen in the list, None where there is none."""
     active = props.active_plantings
     return props.plantings[active] if 0 <= active < len(props.plantings) else None
+
+
+# What an operator on the chosen planting needs.
+PLANTED = (
+    lambda context: chosen_planting(context.scene.forest_sensing),
+    keep("There is no planting yet. Add one to the list"),
+)
 
 
 def chosen_sensor(

@@ -22,8 +22,11 @@ from bpy_extras.io_utils import ExportHelper
 
 from ... import spec
 from ...base.places import ASSETS
+from ...base.progress import Progress
 from ...blender.jobs import Task, Work
 from ...blender.sensors.objects import file_name
+from ...formats.atomic import replacing
+from ...formats.toml_file import read_settings, write_settings
 from ...spec import SpecError
 from ..settings import exchange
 from ..settings.drawing import split
@@ -38,8 +41,8 @@ from ..shell.running import (
     getting_ready,
     press,
 )
-from ..shell.views import chosen_planting, icons
-from ..shell.words import EDITED, free_name, label, language, say, title_of
+from ..shell.views import PLANTED, chosen_planting, icons
+from ..shell.words import EDITED, free_name, keep, label, language, say, title_of
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 
@@ -62,8 +65,7 @@ def menu(props: Any, first: str) -> list[Choice]:
 
 @functools.lru_cache(maxsize=4)
 def _menu(edited: tuple[tuple[str, str], ...], first: str, _language: str) -> list[Choice]:
-    found = _choices(edited, (), _language)
-    ordered = sorted(found, key=lambda choice: choice[0] != first)
+    ordered = sorted(_choices(edited, (), _language), key=lambda choice: choice[0] != first)
     made = [
         (name, title, label("Grow a {species}", species=title), icon, number)
         for number, (name, title, _, icon, _) in enumerate(ordered)
@@ -215,31 +217,28 @@ def edited_item(props: Any) -> Any:
     return None if planting is None else props.edited.get(planting.species)
 
 
-class _OfSpecies(Button):
-    """An operator on the species of the chosen planting."""
-
-    of_edited = True
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        props, reason = context.scene.forest_sensing, super().obstacle(context)
-        if not reason and chosen_planting(props) is None:
-            reason = say("There is no planting yet. Add one to the list")
-        elif not reason and (edited_item(props) is not None) != cls.of_edited:
-            not_yet = say("This species is not edited yet. Press Edit first")
-            reason = not_yet if cls.of_edited else say("This species is being edited already")
-        return reason
+EDITS = (  # what the buttons of an edited species need
+    PLANTED,
+    (
+        lambda context: edited_item(context.scene.forest_sensing),
+        keep("This species is not edited yet. Press Edit first"),
+    ),
+)
 
 
-class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
+class FOREST_OT_edit_species(Button, bpy.types.Operator):
     """Change this species: its settings are taken into this file, the preset stays as it is"""
 
-    bl_idname = "forest.edit_species"
     bl_label = "Edit"
-    of_edited = False
+    needs = (
+        PLANTED,
+        (
+            lambda context: edited_item(context.scene.forest_sensing) is None,
+            keep("This species is being edited already"),
+        ),
+    )
 
     def act(self, context: bpy.types.Context) -> str:
-        from ...formats.toml_file import read_settings
         from ...growth.library import find_species
 
         scene = context.scene
@@ -259,11 +258,11 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
         )
 
 
-class FOREST_OT_discard_species(_OfSpecies, bpy.types.Operator):
+class FOREST_OT_discard_species(Button, bpy.types.Operator):
     """Give these changes up and plant what the species was made from"""
 
-    bl_idname = "forest.discard_species"
     bl_label = "Discard"
+    needs = EDITS
 
     def act(self, context: bpy.types.Context) -> str:
         item = edited_item(context.scene.forest_sensing)
@@ -272,11 +271,11 @@ class FOREST_OT_discard_species(_OfSpecies, bpy.types.Operator):
         return say("Back to {species}", species=title_of(origin))
 
 
-class FOREST_OT_save_species(_OfSpecies, bpy.types.Operator, ExportHelper):
+class FOREST_OT_save_species(Button, bpy.types.Operator, ExportHelper):
     """Write this species to a file of its own (.toml), which the planting uses from then on"""
 
-    bl_idname = "forest.save_species"
     bl_label = "Save As"
+    needs = EDITS
     filename_ext = ".toml"
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
@@ -290,16 +289,13 @@ class FOREST_OT_save_species(_OfSpecies, bpy.types.Operator, ExportHelper):
         return ExportHelper.invoke(self, context, event)
 
     def act(self, context: bpy.types.Context) -> str:
-        from ...formats.toml_file import write_settings
-
         scene = context.scene
         props = scene.forest_sensing
         item = edited_item(props)
         species, home = _read(item)
         path = Path(bpy.path.abspath(self.filepath)).resolve()
         path.parent.mkdir(parents=True, exist_ok=True)
-        own = relocated(replace(species, name=path.stem), home, path.parent)
-        write_settings(path, own)
+        write_settings(path, relocated(replace(species, name=path.stem), home, path.parent))
         _replace(scene, item, _called(path, props.folder))
         refresh()
         return say("Written: {file}", file=path)
@@ -341,7 +337,6 @@ FIRST = ("norway-maple", "silver-birch", "norway-spruce", "hazelnut")  # where n
 class FOREST_OT_make_library(Working, bpy.types.Operator):
     """Write trees of this scene's species, or four usual ones, as assets for the Asset Browser"""
 
-    bl_idname = "forest.make_library"
     bl_label = "Make Asset Library"
 
     variants: bpy.props.IntProperty(  # type: ignore[valid-type]
@@ -377,13 +372,14 @@ class FOREST_OT_make_library(Working, bpy.types.Operator):
 class FOREST_OT_add_library(Reading, bpy.types.Operator):
     """Add the folder of trees to Blender's asset libraries; where it is empty, trees are made first"""
 
-    bl_idname = "forest.add_library"
     bl_label = "Add to Asset Libraries"
     bl_options: ClassVar[set[str]] = set()
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        return say("It is among Blender's asset libraries already") if _is_added(context) else ""
+    needs = (
+        (
+            lambda context: not _is_added(context),
+            keep("It is among Blender's asset libraries already"),
+        ),
+    )
 
     def act(self, context: bpy.types.Context) -> str:
         if not any(library_folder().glob("*.blend")):
@@ -416,7 +412,6 @@ CLASSES = (dropped(".stl", "Species from a Tree", "forest.import_tree"),)
 class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, Taking):
     """Make a species from files of a tree: one of its wood and, if there is, one of its leaves"""
 
-    bl_idname = "forest.import_tree"
     bl_label = "Import STL"
     bl_options: ClassVar[set[str]] = set()  # it starts a job, which is not redone
     filename_ext = ".stl"
@@ -471,7 +466,6 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, Taking):
 class FOREST_OT_make_species(Working, bpy.types.Operator):
     """Recognise a tree in files, keep it as a species and plant it"""
 
-    bl_idname = "forest.make_species"
     bl_label = "Import STL"
 
     wood: bpy.props.StringProperty(name="Wood", subtype="FILE_PATH", options={"SKIP_SAVE"})
@@ -481,10 +475,8 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
     accept: bpy.props.BoolProperty(name="Accept", options={"SKIP_SAVE"})
 
     def work(self, context: bpy.types.Context) -> Work:
-        from ...base.progress import Progress
         from ...blender.files.tree_files import read_parts
         from ...blender.scene.assets import on_paper
-        from ...formats.atomic import replacing
         from ...formats.raster_file import write_png
         from ...growth.library import Brought, Library, check_name, make_library
         from ...spec import Look
@@ -496,7 +488,8 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         check_name(name)
         plain = all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path)
         groups = [] if plain else read_parts(wood, leaves)
-        folder = free_folder(species_folder(), name)
+        home = species_folder()
+        folder = home / free_name(name, "-", "", lambda name: (home / name).exists())
         brought = Brought(wood, leaves, height, groups=groups)
 
         def recognise(tell: Progress) -> Library:
@@ -551,8 +544,3 @@ def title_from(wood: Path) -> str:
     """A name for the species from its file, or from the folder where the file is just called wood."""
     plain = wood.stem.lower() in OF_WOOD and wood.parent.name
     return file_name(wood.parent.name if plain else wood.stem)
-
-
-def free_folder(home: Path, name: str) -> Path:
-    """A folder of this name that is not there yet; numbered where there is one."""
-    return home / free_name(name, "-", "", lambda name: (home / name).exists())

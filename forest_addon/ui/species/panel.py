@@ -85,8 +85,7 @@ class FOREST_PT_edited(WithForest, bpy.types.Panel):
             header, body = folded(self.layout, f"FOREST_species_{part}")
             if _has(type(group), f"use_{part}"):
                 header.prop(group, f"use_{part}", text="")
-            title = SECTIONS.get(part) or name_in(type(group), part)
-            header.label(text=label_kept(title))
+            header.label(text=label_kept(SECTIONS.get(part) or name_in(type(group), part)))
             if body is not None:
                 body.active = getattr(group, f"use_{part}", True) and not _is_idle(group, part)
                 _draw_part(body, getattr(group, part))

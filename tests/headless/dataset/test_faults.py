@@ -1,5 +1,6 @@
 """Datasets and fields in tiles when processes, disks and plans go wrong: nothing is lost."""
 
+import contextlib
 import csv
 import os
 import resource
@@ -75,15 +76,21 @@ def finish(out, workers=1, words=(), run=run, work=PLAN):
 
 
 @pytest.fixture
-def whole(work, request, tmp_path, warm):
+def whole(request, tmp_path, warm):
     """Bytes that are to come of a dataset or a field."""
+    work = request.param
     if work == PLAN:
         return bytes_of(request.getfixturevalue("undisturbed"))
     finish(tmp_path / "whole", run=warm.run, work=FIELD)
     return bytes_of(tmp_path / "whole")
 
 
-@pytest.mark.parametrize("work", [PLAN, FIELD], ids=["scenes", "tiles"])
+@pytest.mark.parametrize(
+    ("whole", "work"),
+    [(PLAN, PLAN), (FIELD, FIELD)],
+    ids=["scenes", "tiles"],
+    indirect=["whole"],
+)
 def test_a_few_kills_lose_nothing(whole, tmp_path, warm, work):
     disturbed(tmp_path / "data", 1, 3, 2, work=work)
     finish(tmp_path / "data", run=warm.run, work=work)
@@ -168,38 +175,49 @@ def test_a_second_command_on_a_folder_is_refused(tmp_path, warm):
     assert "is in use by another command" in ended.stderr
 
 
-@pytest.mark.parametrize("work", [PLAN, FIELD], ids=["scenes", "tiles"])
-def test_a_scheduler_that_goes_away_is_said(whole, tmp_path, warm, work):
+@contextlib.contextmanager
+def scheduler(folder, port=0):
+    """A scheduler with a worker in a process of its own, and their address."""
     pytest.importorskip("distributed")
     code = (
         "import distributed, time\n"
         "if __name__ == '__main__':\n"
-        "    c = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)\n"
+        "    c = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None,\n"
+        f"        scheduler_port={port})\n"
         "    print(c.scheduler_address, flush=True)\n"
         "    time.sleep(600)\n"
     )
-    (tmp_path / "cluster.py").write_text(code)
+    (folder / "cluster.py").write_text(code)
     with subprocess.Popen(
-        [sys.executable, tmp_path / "cluster.py"],
+        [sys.executable, folder / "cluster.py"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
         env=dict(os.environ) | {"PYTHONPATH": str(ROOT)},
     ) as cluster:
         try:
-            address = cluster.stdout.readline().strip()
-            out = tmp_path / "data"
-            words = command(work, "--out", out, "--scheduler", address, "--quiet")
-            with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
-                wait_for(lambda: [*out.glob("scenes/*"), *out.glob("tiles/*.rows")])
-                kill(cluster.pid)
-                said = process.communicate(timeout=200)[1]
+            yield cluster, cluster.stdout.readline().strip()
         finally:
             kill(cluster.pid)
+
+
+@pytest.mark.parametrize("whole", [FIELD], indirect=True)
+def test_a_scheduler_that_is_ended_is_said_and_started_again_goes_on(whole, tmp_path):
+    out = tmp_path / "data"
+    with scheduler(tmp_path) as (cluster, address):
+        words = command(FIELD, "--out", out, "--scheduler", address, "--quiet")
+        with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
+            wait_for(lambda: [*out.glob("tiles/*.rows")])
+            kill(cluster.pid)
+            said = process.communicate(timeout=200)[1]
     assert process.returncode == 1, said
     assert address in said
     assert "Traceback" not in said
-    finish(out, run=warm.run, work=work)
+    assert not (out / "als.laz").exists()
+    with scheduler(tmp_path, address.rpartition(":")[2]) as (_, again):
+        assert again == address
+        ended = subprocess.run(words, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    assert ended.returncode == 0, ended.stderr
     assert bytes_of(out) == whole
 
 

@@ -248,6 +248,12 @@ height = 80.0
     assert recipes(read_plan(path, ["count=2", "place[0].height=50.0"]))
 
 
+@pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.toml")))
+def test_nothing_in_a_plan_that_is_shipped_is_idle(name):
+    """Distances of strips, figures of instruments and what is switched off are no slips."""
+    assert idle_in_plan(read_plan(PLANS / f"{name}.toml")) == []
+
+
 # --------------------------------------------------------------------------------------------- place
 # Sensors by rules: clear of trunks, above the ground, within the field; the same for the same seed.
 

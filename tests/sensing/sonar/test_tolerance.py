@@ -64,7 +64,8 @@ class Drawn:
             strength = EdgeStrength(radius, angle, one, radius * np.cos(angle))
         elif kind == "wood":
             sine, cosine = np.sin(angle), np.cos(angle)
-            strength = CylinderStrength(3.0 * radius, 0.5 * radius, sine, cosine, one)
+            whole = np.zeros((2, count), np.int8)
+            strength = CylinderStrength(3.0 * radius, 0.5 * radius, sine, cosine, one, *whole)
         elif kind == "rims":
             weight = rng.normal(size=count) if where == "spread" else one
             strength = RimStrength(0.1 * weight, radius * np.sin(angle))
@@ -98,29 +99,21 @@ class Drawn:
         lost = self.loss * (high**2 - low**2) / (np.pi * self.width) * self.distance
         loud = self.strength.bound(*ends) * self.gain(np.array([low]))[0]
         parts = self.strength.parts(*ends)
-        starts = np.cumsum([0, *(len(part.rows) for part in parts)])
-        rows = np.concatenate([part.rows for part in parts])
+        rows = parts.rows
 
         def amplitude(frequency: np.ndarray, some: np.ndarray) -> np.ndarray:
             k = 2.0 * np.pi * frequency / SPEED
-            found = np.empty((len(frequency), len(some)), complex)
-            for part, begin, end in zip(parts, starts, starts[1:], strict=False):
-                here = (some >= begin) & (some < end)
-                found[:, here] = part.strength.select(some[here] - begin).amplitude(k)
-            return found * self.gain(frequency, rows[some])
+            return parts.strength.select(some).amplitude(k) * self.gain(frequency, rows[some])
 
-        offset = np.concatenate([part.offset for part in parts])
-        reach = np.concatenate([part.strength.reach(ends[0]) for part in parts])
-        share = np.concatenate([np.broadcast_to(part.share, part.rows.shape) for part in parts])
         found = sum_delayed(
             amplitude,
-            (2.0 * self.distance[rows] + offset) / SPEED,
+            (2.0 * self.distance[rows] + parts.offset) / SPEED,
             low,
             self.width / (self.count - 1),
             self.count,
             tolerance=self.tolerance,
-            reach=reach / SPEED + lost[rows],
-            loudness=loud[rows] * share,
+            reach=parts.strength.reach(ends[0]) / SPEED + lost[rows],
+            loudness=loud[rows] * parts.share,
         )
         return found.spectrum, found.error * found.size
 

@@ -259,7 +259,7 @@ class _Panel:
         self._check(group.paths.select(probes), of_probes)
         if count > FEW_BINS:
             polynomials = chebyshev.lagrange(len(k), np.linspace(-1.0, 1.0, count))
-            found = (grid.spectrum() * polynomials).sum(axis=0)
+            found = grid.spectrum(polynomials)
         return np.asarray(found * level)
 
     def _check(self, some: TrunkPaths, heights: np.ndarray) -> None:
