@@ -135,9 +135,7 @@ class Job:
     def _resume(self) -> Task:
         problem, outcome = self._problem, self._outcome
         self._problem = self._outcome = None
-        if problem is not None:
-            return self._work.throw(problem)
-        return self._work.send(outcome)
+        return self._work.throw(problem) if problem is not None else self._work.send(outcome)
 
     def _begin(self, task: Task) -> None:
         self._span, self._since = task.span, time.monotonic()

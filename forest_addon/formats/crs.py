@@ -129,7 +129,7 @@ def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]
         east, north = place.mean(axis=0)
         raise SpecError(
             "crs",
-            f"coordinates are degrees; name a system in metres, as {metric_near(east, north)}: --crs of a "
+            f'coordinates are degrees; name a system in metres, as "{metric_near(east, north)}": --crs of a '
             "command, crs of a scene",
         )
     if not target:

@@ -30,22 +30,6 @@ Finding = Any  # what a sensor found: a Cloud, an Echo, ...
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray, str]]  # dimensions, values, unit
 
 
-def _title(sensor: Any) -> str:
-    return f"{sensor.TITLE or sensor.kind.title()}: {sensor.name}"
-
-
-def _nothing(*_: Any) -> None:
-    return None
-
-
-def _no_words(*_: Any) -> str:
-    return ""
-
-
-def _no_notes(*_: Any) -> tuple[str, ...]:
-    return ()
-
-
 @dataclass(frozen=True)
 class ResultKind:
     """Record of a result; its functions take the sensor's settings and what it found.
@@ -71,19 +55,19 @@ class ResultKind:
     arrays: Callable[[Finding], dict[str, np.ndarray]] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     labelled: Callable[[Finding], tuple[Variables, Variables]] | None = None
-    sentence: Callable[[Finding], str] = _no_words
-    title: Callable[[Any], str] = _title
-    story: Callable[[Any, Finding], str] = _no_words
-    notes: Callable[[Any, Finding], tuple[str, ...]] = _no_notes
-    doubts: Callable[[Any, Finding], tuple[str, ...]] = _no_notes
+    sentence: Callable[[Finding], str] = lambda *_: ""
+    title: Callable[[Any], str] = lambda one: f"{one.TITLE or one.kind.title()}: {one.name}"
+    story: Callable[[Any, Finding], str] = lambda *_: ""
+    notes: Callable[[Any, Finding], tuple[str, ...]] = lambda *_: ()
+    doubts: Callable[[Any, Finding], tuple[str, ...]] = lambda *_: ()
     files: tuple[str, ...] = (".npz",)
     write: Callable[[Path, Any, Finding, Offset], list[Path]] | None = None
     endings: tuple[str, ...] = (".npz", ".csv")
     save: Callable[[Path, Any, Finding, Offset, Labels | None], None] | None = None
-    plot: Callable[[Any, Finding], Plot | None] = _nothing
-    points: Callable[[Any, Finding], Cloud | None] = _nothing
+    plot: Callable[[Any, Finding], Plot | None] = lambda *_: None
+    points: Callable[[Any, Finding], Cloud | None] = lambda *_: None
     is_cloud: bool = False
-    marks: Callable[[Finding], Contributions | None] = _nothing
+    marks: Callable[[Finding], Contributions | None] = lambda *_: None
     sound: Callable[[Any, Finding], tuple[np.ndarray, float]] | None = None
     is_response: bool = False
     wet: Callable[[Any, Finding, np.ndarray, float], tuple[np.ndarray, float]] | None = None

@@ -242,7 +242,21 @@ def _save(
     path: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset, _labels: Labels | None
 ) -> None:
     if path.suffix.lower() == ".sofa":
-        _write_sofa(path, reverb, response)
+        # Measurements source by source and moment by moment, by receivers.
+        channels = response.channels
+        rows: dict[tuple, list[ImpulseResponse]] = {}
+        for one in channels:
+            rows.setdefault((one.at if one.at == one.at else None, one.source), []).append(one)
+        table = list(rows.values())
+        write_responses(
+            path,
+            np.array([[one.samples for one in row] for row in table]),
+            response.sample_rate,
+            np.array([row[0].source for row in table]),
+            np.array([[one.receiver for one in row] for row in table]),
+            reverb.name,
+            [one.channel.split(" to ", 1)[1] for one in table[0]],
+        )
     elif path.suffix.lower() == ".csv":
         samples = np.atleast_2d(channels_of(response).T)
         write_csv(path, sound_columns(samples, response.sample_rate))
@@ -333,24 +347,6 @@ def wet_sound_of(
         rng = stream(0, "reverb", reverb.name, "background")
         heard = heard + background(reverb.noise_db, mono, rate, len(heard), tuple(gains), rng)
     return heard, rate
-
-
-def _write_sofa(path: Path, reverb: Reverb, response: ImpulseResponse) -> None:
-    """Write measurements, source by source and moment by moment, by receivers."""
-    channels = response.channels
-    rows: dict[tuple, list[ImpulseResponse]] = {}
-    for one in channels:
-        rows.setdefault((one.at if one.at == one.at else None, one.source), []).append(one)
-    table = list(rows.values())
-    write_responses(
-        path,
-        np.array([[one.samples for one in row] for row in table]),
-        response.sample_rate,
-        np.array([row[0].source for row in table]),
-        np.array([[one.receiver for one in row] for row in table]),
-        reverb.name,
-        [one.channel.split(" to ", 1)[1] for one in table[0]],
-    )
 
 
 def _labelled(response: ImpulseResponse) -> tuple[Variables, Variables]:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..base.labels import Labels
 from ..base.rows import distinct
 from ..base.words import keep
 from ..drawing.strips import Axis, Plot, by_distance, from_above
@@ -98,14 +96,6 @@ def _of_tops(tree: np.ndarray, height: np.ndarray, away: np.ndarray) -> list[Fig
     return [numbers("trees' highest points off their rest", "Tops Off Rest", said)]
 
 
-def _sentence(cloud: Cloud) -> str:
-    return keep("{count:,} points", count=len(cloud))
-
-
-def _title(scanner: Any) -> str:
-    return f"{scanner.kind.title()} LiDAR: {scanner.name}"
-
-
 def _story(scanner: Scanner, cloud: Cloud) -> str:
     spacing = f" every {scanner.angle_step_deg:g}°" if isinstance(scanner, Terrestrial) else ""
     instrument = f" by {scanner.scanner}" if scanner.scanner else ""
@@ -127,16 +117,6 @@ def _write(folder: Path, scanner: Scanner, cloud: Cloud, offset: Offset) -> list
     path = folder / f"{scanner.name}.laz"
     write_points(path, cloud, offset)
     return [path] if cloud.waves is None else [path, path.with_suffix(WAVEFORMS)]
-
-
-def _save(
-    path: Path, _scanner: Scanner, cloud: Cloud, offset: Offset, labels: Labels | None
-) -> None:
-    write_points(path, cloud, offset, labels)
-
-
-def _points(_scanner: Scanner, cloud: Cloud) -> Cloud:
-    return cloud
 
 
 def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
@@ -172,15 +152,15 @@ def _labelled(cloud: Cloud) -> tuple[Variables, Variables]:
 SCANNER = ResultKind(
     figures=_figures,
     labelled=_labelled,
-    sentence=_sentence,
-    title=_title,
+    sentence=lambda cloud: keep("{count:,} points", count=len(cloud)),
+    title=lambda scanner: f"{scanner.kind.title()} LiDAR: {scanner.name}",
     story=_story,
     notes=_notes,
     files=(".laz", ""),
     write=_write,
     endings=ENDINGS,
-    save=_save,
+    save=lambda path, _, *found: write_points(path, *found),
     plot=cloud_plot,
-    points=_points,
+    points=lambda _, cloud: cloud,
     is_cloud=True,
 )

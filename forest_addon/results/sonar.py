@@ -13,7 +13,7 @@ from ..base.words import keep
 from ..drawing.strips import Plot, sound_plot
 from ..formats.table import write_csv
 from ..sensing.kind import Seen
-from ..sensing.sonar.ping import Contributions, Echo, PingSeries
+from ..sensing.sonar.ping import Echo, PingSeries
 from ..sensing.sonar.receiver import Reception
 from ..sensing.sonar.rescattering import DENSE, LEAVES, density_of, nearest_leaves
 from ..spec import Sonar, SonarReceiver
@@ -263,14 +263,6 @@ def _plot(_sonar: Sonar, found: Finding) -> Plot:
     return sound_plot(found.heard_waveforms[0], found.sample_rate)
 
 
-def _marks(found: Finding) -> Contributions | None:
-    return None if _is_flight(found) else found.heard
-
-
-def _sound(sonar: Sonar, found: Finding) -> tuple[np.ndarray, float]:
-    return sound_of(found, sonar.time_expansion)
-
-
 def _labelled(found: Finding) -> tuple[Variables, Variables]:
     pings, dims = PingSeries(_echoes(found)), ("ping", "ear", "time")
     unit = "re the call at 1 m"
@@ -304,6 +296,6 @@ SONAR = ResultKind(
     endings=(".wav", ".npz", ".csv"),
     save=_save,
     plot=_plot,
-    marks=_marks,
-    sound=_sound,
+    marks=lambda found: None if _is_flight(found) else found.heard,
+    sound=lambda sonar, found: sound_of(found, sonar.time_expansion),
 )

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
-from ..base.labels import Labels
 from ..base.words import keep
 from ..drawing.strips import Axis, Plot, by_distance
 from ..sensing.kind import Seen
-from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..spec import Tractor
-from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
 from .points import ENDINGS, write_points
@@ -29,14 +23,6 @@ def _figures(_tractor: Tractor, scan: TractorScan, _seen: Seen | None) -> list[F
         numbers("escaped", "Sky", share(organ < 0)),
         numbers("", "Rays By", scan.engine),
     ]
-
-
-def _sentence(scan: TractorScan) -> str:
-    return keep("{count:,} points", count=int(np.count_nonzero(scan.organ >= 0)))
-
-
-def _title(tractor: Tractor) -> str:
-    return f"Tractor LiDAR: {tractor.name}"
 
 
 def _story(tractor: Tractor, scan: TractorScan) -> str:
@@ -59,16 +45,6 @@ def _arrays(scan: TractorScan) -> dict[str, np.ndarray]:
         "angle": scan.angle,
         "track": scan.track,
     }
-
-
-def _points(tractor: Tractor, scan: TractorScan) -> Cloud:
-    return to_cloud(scan, tractor)
-
-
-def _save(
-    path: Path, tractor: Any, scan: TractorScan, offset: Offset, labels: Labels | None
-) -> None:
-    write_points(path, _points(tractor, scan), offset, labels)
 
 
 def matrix_plot(_tractor: Tractor, scan: TractorScan) -> Plot:
@@ -108,12 +84,12 @@ TRACTOR = ResultKind(
     labelled=_labelled,
     arrays=_arrays,
     units={"distance": "m", "angle": "rad", "track": "m"},
-    sentence=_sentence,
-    title=_title,
+    sentence=lambda scan: keep("{count:,} points", count=int((scan.organ >= 0).sum())),
+    title=lambda tractor: f"Tractor LiDAR: {tractor.name}",
     story=_story,
     notes=_notes,
     endings=ENDINGS,
-    save=_save,
+    save=lambda path, tractor, scan, *more: write_points(path, to_cloud(scan, tractor), *more),
     plot=matrix_plot,
-    points=_points,
+    points=lambda tractor, scan: to_cloud(scan, tractor),
 )

@@ -110,36 +110,8 @@ def _stays(_sensor: Any, _folder: Path, _follower: Follower) -> None:
     return None
 
 
-def _where_it_stands(job: Observation) -> np.ndarray:
-    return np.array([job.sensor.position])
-
-
-def _never_empty(_job: Observation, _found: Any) -> str:
-    return ""
-
-
-def _no_more(_sensor: Any, _settings: Scene, _trees: int, _count: int) -> tuple[float, float]:
-    return 0.0, 0.0
-
-
-def _one_run(sensor: Any, _trajectory: Any, _engine: str) -> Cost:
-    return cost_of_work(sensor, "runs", 1, GUESS)
-
-
 def _a_moment(_sensor: Any, _trajectory: Any) -> float:
     return 0.0
-
-
-def _no_lines(_sensor: Any) -> np.ndarray:
-    return np.empty((0, 2, 3))
-
-
-def _nothing_chosen(_given: Any) -> tuple[Choice, ...]:
-    return ()
-
-
-def _nothing_fixed(_group: Any) -> str:
-    return ""
 
 
 @dataclass(frozen=True)
@@ -174,15 +146,17 @@ class SensorKind:
     run: Callable[[Observation, Progress | None], Any]
     audit: Callable[[Observation, Any], Sequence[AuditPart]] | None = None
     trajectory: Callable[[Any, Path, Follower], Trajectory | None] = _stays
-    positions: Callable[[Observation], np.ndarray] = _where_it_stands
-    empty: Callable[[Observation, Any], str] = _never_empty
+    positions: Callable[[Observation], np.ndarray] = lambda job: np.array([job.sensor.position])
+    empty: Callable[[Observation, Any], str] = lambda *_: ""
     lasts: Callable[[Any, Any], float] = _a_moment
     sways: bool = False
-    cost: Callable[[Any, Any, str], Cost] = _one_run
-    seconds_among: Callable[[Any, Scene, int, int], tuple[float, float]] = _no_more
-    outline: Callable[[Any], np.ndarray] = _no_lines
-    choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
-    left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
+    cost: Callable[[Any, Any, str], Cost] = lambda sensor, *_: cost_of_work(
+        sensor, "runs", 1, GUESS
+    )
+    seconds_among: Callable[[Any, Scene, int, int], tuple[float, float]] = lambda *_: (0.0, 0.0)
+    outline: Callable[[Any], np.ndarray] = lambda _: np.empty((0, 2, 3))
+    choose: Callable[[Any], tuple[Choice, ...]] = lambda _: ()
+    left_out: Callable[[Any], tuple[Choice, ...]] = lambda _: ()
     thinned: Callable[[Any, float], dict[str, Any]] | None = None
     look: Callable[[Any], SensorLook] = look_at_leaves
     glance: Callable[[Observation], Any] | None = None
@@ -194,7 +168,7 @@ class SensorKind:
     body: str = "arrows"
     posed: tuple[str, ...] = ("position", "azimuth_deg", "elevation_deg")
     turns: tuple[int, ...] = (1, 2)
-    fixed: Callable[[Any], str] = _nothing_fixed
+    fixed: Callable[[Any], str] = lambda _: ""
 
     @property
     def timed(self) -> bool:

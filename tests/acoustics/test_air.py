@@ -1,7 +1,5 @@
 """Absorption of air: values of ISO 9613-1 and its limits."""
 
-from __future__ import annotations
-
 import cmath
 import math
 

@@ -1,7 +1,5 @@
 """Trunk scattering: printed values, 60-digit reference, symmetries, hard regions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Leaf scattering: closed forms, the Kirchhoff integral by quadrature, limits and bounds."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import os

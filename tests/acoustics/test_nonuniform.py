@@ -1,13 +1,12 @@
 """Fast sums over echoes against the direct sum: tolerances, hard cases, and the kernel alone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
 from forest_addon.acoustics.disc import MODELS, backscatter_amplitude
+from forest_addon.acoustics.gridding import ALIASING, NARROWEST, DelayGrid
 from forest_addon.acoustics.nonuniform import sum_delayed
 
 pytestmark = pytest.mark.usefixtures("computed_by")
@@ -210,3 +209,18 @@ def test_weighted_sums_of_nothing() -> None:
     )
     assert found.spectrum.shape == (2, 40000)
     assert not found.spectrum.any()
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(("width", "stated"), list(enumerate(ALIASING, NARROWEST)))
+def test_aliasing_of_the_kernel(width: int, stated: float) -> None:
+    """Every delay between two points, every bin: within the stated bound, and no wider than needed."""
+    bins, delays = 64, np.linspace(0, 1 / 128, 65)
+    worst = 0.0
+    for delay in delays:
+        grid = DelayGrid(bins, 1, width)
+        grid.add(np.array([delay]), np.zeros(1), np.ones((1, 1)), np.ones((1, 1)))
+        exact = np.exp(-2j * np.pi * delay * (np.arange(bins) - bins // 2))
+        worst = max(worst, np.abs(grid.spectrum()[0] - exact).max())
+    assert worst < stated
+    assert worst > 0.5 * stated

@@ -1,7 +1,5 @@
 """The species that ship: every one loads, cites its source, and grows as its source says."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The forest as .glb: as it was planned, valid, and small where trees are points."""
 
-from __future__ import annotations
-
 import ast
 import json
 import subprocess

@@ -80,10 +80,6 @@ def direct(tree, matrix, number):
     bpy.context.view_layer.update()
 
 
-def world_matrix(thing):
-    return np.array(thing.matrix_world, dtype=float)[:3]
-
-
 WAYS = [
     ("objects", False, 0),
     ("objects", True, 1),

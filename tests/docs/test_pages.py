@@ -146,7 +146,13 @@ SMALLER = (
     (r"(position=\(14\.5, 14\.5, 1\.6\))", r"\1, angle_step_deg=2.0"),
     (r"\barange\(-40, 41, 5\.0\)", "arange(-40, 41, 20.0)"),
     (r"(dataset (tiny|hazels\.toml)) ", r"\1 --workers 1 "),
-    (r"dataset tiny ", "dataset tiny --set scene.sensors[tls].angle_step_deg=3.0 "),
+    (
+        r"dataset tiny ",
+        "dataset tiny --set scene.sensors[tls].angle_step_deg=3.0 --set scene.forest.margin=2.0 "
+        "--set 'mix.species=[\"hazelnut\"]' --set mix.kinds=[1,1] ",
+    ),
+    (r"\bcull=0\.01\b", "cull=0.1"),
+    (r"\brange\(100\)", "range(10)"),
     (r'^name = "tls"', 'name = "tls"\nangle_step_deg = 3.0'),
     (r'make\("ForestSensing/Flight-v0"\)', 'make("ForestSensing/Flight-v0", scene=SCENE)'),
     (r"\bsize = 20\.0", "size = 10.0"),

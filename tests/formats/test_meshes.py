@@ -1,7 +1,5 @@
 """Meshes by other hands: Wavefront files as they are met, and shapes that single precision has lost."""
 
-from __future__ import annotations
-
 import io
 import struct
 import sys
@@ -415,9 +413,6 @@ def test_a_tree_at_map_coordinates_in_single_precision_is_refused(tmp_path):
 HIGH, WIDE = 37, 61
 SMOOTH = (np.add.outer(np.arange(HIGH), np.arange(WIDE)) * 2.3).astype(np.uint8)
 NOISE = stream(0, "test", "images").integers(0, 256, (HIGH, WIDE)).astype(np.uint8)
-LARGE = (
-    stream(1, "test", "images").integers(0, 256, (90, 120)).astype(np.uint8)
-)  # fills LZW's table
 WHITES = {"1": 1, "I;16": 65535, "F": 1}  # 255 of others
 
 

@@ -1,7 +1,5 @@
 """Patterns, routes and calls from files, and echoes into files."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A scene written for other programs, read back as a survey of HELIOS++: the same pulses and points."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -385,6 +385,7 @@ pictures = false
 goodness = false
 report = false
 preview = false
+glb = true
 qsm = true
 """
 

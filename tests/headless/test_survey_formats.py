@@ -1,7 +1,5 @@
 """Surveys of HELIOS++ beside walls that stand: moving parts, tracks, mirrors, rasters, materials."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 
 import laspy
 import numpy as np
@@ -132,6 +133,36 @@ def test_a_tile_that_needs_too_much_memory_is_cut_and_that_is_said(field, monkey
     )
     monkeypatch.setattr(Worker, "once", lambda self, job: SceneOutcome("memory", "needs more"))
     assert Worker().make(dataclasses.replace(job, cuts=8)).kind == "memory"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not os.environ.get("FOREST_LONG_TESTS"), reason="0.6 GB, 12 s of CPU")
+def test_a_worker_that_is_short_of_memory_makes_the_same_tile_in_parts(tmp_path):
+    """With FOREST_LONG_TESTS set: 160,000 trees in one tile; the limit lies between whole and parts."""
+    planting = forest.Planting(species="abop-monopodial-a", variants=1, density=4.0)
+    scene = forest.Scene(
+        seed=3,
+        forest=forest.Forest(size=(200.0, 200.0), undergrowth="none"),
+        tiles=forest.Tiles(size=200.0, buffer=5.0),
+        plantings=(planting,),
+        sensors=(
+            forest.Airborne(name="als", position=(0, 100, 60), track=200.0, pulse_rate=200.0),
+        ),
+    )
+    (tmp_path / "tiles").mkdir()
+    job = TileJob(scene, tmp_path, tmp_path, 0, ("als",), Running(), 1e12, 1)
+    worker, peaks, made = Worker(), [], []
+    for one in (job, dataclasses.replace(job, cuts=2), None):
+        limited = dataclasses.replace(job, memory=sum(peaks) / 2)
+        outcome = worker.make(limited if one is None else one)
+        worker.end()
+        peaks.append(outcome.peak)
+        made.append((tmp_path / "tiles" / "als-0-0-0.rows").read_bytes())
+        (tmp_path / "tiles" / "als-0-0-0.json").unlink()
+    assert outcome.kind == "done"
+    assert outcome.why.endswith("it is cut")
+    assert peaks[2] < peaks[0]
+    assert len(set(made)) == 1
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Trees as people model them: ten of known shape, and what is done to a mesh before it is brought."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

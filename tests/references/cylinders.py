@@ -7,8 +7,6 @@ normal derivative vanishes on the rims, or is what bark of an admittance lets th
 (Fairweather & Karageorghis 1998).
 """
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 from scipy import special

@@ -23,8 +23,6 @@ A_m the rows and columns p = m + 1, m + 3, …, ε₀ = 1, else 2, β and β' be
 and the directions to source and receiver, φ between their projections on the disc; e^{+iωt}.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

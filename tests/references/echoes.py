@@ -6,8 +6,6 @@ Nothing is shared with the product but the definitions of PHYSICS 4.1; the air i
 ``reverb``. Vectors are tuples, angles come from arccos and arctan of plain components.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Iterable, Sequence

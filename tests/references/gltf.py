@@ -1,7 +1,5 @@
 """Khronos' own glTF validator, fetched once into build/."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

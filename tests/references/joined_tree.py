@@ -1,7 +1,5 @@
 """Trees in one mesh, of known structure: box-modelled, and remeshed from separate parts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trees of known structure, built of tubes and quads piece by piece, that remember their truth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trees that our own growers make, as the facets that a user would bring, with their skeleton as truth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

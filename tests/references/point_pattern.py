@@ -4,8 +4,6 @@ Plain Python and the error function; nothing is shared with the product. Time gr
 number of points.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

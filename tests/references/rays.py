@@ -7,8 +7,6 @@ and triangles go in, the closest ``Hits`` come out (Möller & Trumbore 1997, bot
 included). Each instance is met from its own origin, so that an offset of 1e6 m costs few digits.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

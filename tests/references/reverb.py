@@ -6,8 +6,6 @@ Plain Python and scalar Bessel functions; nothing is shared with the product but
 PHYSICS 5.1 to 5.3. Slow: some milliseconds for a trunk and a frequency.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@
 each kind; tests take the hardest, and `make fuzz` draws new ones. A number is the same scene every time.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

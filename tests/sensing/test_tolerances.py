@@ -4,8 +4,6 @@ What is over says so; what is told is no less than what is true. `make fuzz` wit
 `ARGS=tests/sensing/test_tolerances.py` draws new scenes.
 """
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st

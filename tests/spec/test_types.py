@@ -337,5 +337,6 @@ def test_shipped_files_of_an_earlier_release_are_found(tmp_path):
             (tmp_path / old).write_text("a user's own\n")
             assert find(old, tmp_path, "route") == tmp_path / old
         else:
-            assert scene_file(old) == ASSETS / "scenes" / f"{now}.toml"
-            assert scene_file(old).is_file()
+            found = scene_file(old)
+            assert found == ASSETS / "scenes" / f"{now}.toml"
+            assert found.is_file()

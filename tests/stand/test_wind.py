@@ -1,7 +1,5 @@
 """Wind over a stand and the answer of trees: spectra, coherence, an oscillator stepped through time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from references.reverb import rod

@@ -178,8 +178,6 @@ def test_the_offset_that_a_file_asks_for_is_taken_and_undone(small, tmp_path):
 # -------------------------------------------------------------------------------------- scene export
 # Exported scene files: they mean the same wherever they are written, and name the .blend they start from.
 
-SCENE_EXPORT_ROOT = Path(__file__).resolve().parents[2]
-
 
 @pytest.fixture
 def slope(small):

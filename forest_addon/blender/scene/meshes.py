@@ -164,7 +164,14 @@ def write_truth(mesh: bpy.types.Mesh, asset: str, species: str, tree: Tree) -> N
     for key, value in tree_truth(tree).items():
         mesh[key] = value
     mesh[WOOD] = _skeleton_mesh(f"{mesh.name} skeleton", tree.skeleton)
-    mesh[LEAVES] = _leaf_mesh(f"{mesh.name} leaves", tree.leaves)
+    data = bpy.data.meshes.new(f"{mesh.name} leaves")
+    data.vertices.add(len(tree.leaves))
+    if len(tree.leaves):
+        write(data, "position", tree.leaves.centre, "FLOAT_VECTOR")
+    for column in OF_LEAVES:
+        _put(data, "POINT", column, getattr(tree.leaves, column))
+    data.update()
+    mesh[LEAVES] = data
 
 
 def read_truth(mesh: bpy.types.Mesh) -> PlacedVariant | None:
@@ -236,17 +243,6 @@ def _skeleton_mesh(name: str, wood: Skeleton) -> bpy.types.Mesh:
     _put(data, "POINT", "radius", wood.radius.ravel())
     for column in OF_SEGMENTS:
         _put(data, "EDGE", column, wood.is_dead if column == "dead" else getattr(wood, column))
-    data.update()
-    return data
-
-
-def _leaf_mesh(name: str, leaves: Leaves) -> bpy.types.Mesh:
-    data = bpy.data.meshes.new(name)
-    data.vertices.add(len(leaves))
-    if len(leaves):
-        write(data, "position", leaves.centre, "FLOAT_VECTOR")
-    for column in OF_LEAVES:
-        _put(data, "POINT", column, getattr(leaves, column))
     data.update()
     return data
 

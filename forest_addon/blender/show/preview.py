@@ -45,6 +45,19 @@ HAZE, WARM = (
 )  # of the sky at the horizon, by day, in the evening
 EVENING = 1.0  # stops that a picture is brighter when the sun is low
 FILL = 0.95  # of the picture; boxes are larger than crowns
+CYCLES = {
+    "device": "CPU",
+    "use_denoising": True,
+    "use_adaptive_sampling": True,
+    "adaptive_threshold": 0.05,
+    "max_bounces": 4,
+    "use_fast_gi": True,  # light below the crowns by the sky that a point sees
+    "fast_gi_method": "REPLACE",
+    "ao_bounces_render": 1,
+    "caustics_reflective": False,
+    "caustics_refractive": False,
+    "seed": 0,
+}
 
 
 def set_stage(
@@ -109,17 +122,9 @@ def render(
     OSError : the picture could not be written.
     """
     scene.render.engine = "CYCLES"
-    scene.cycles.device = "CPU"
+    for name, value in CYCLES.items():
+        setattr(scene.cycles, name, value)
     scene.cycles.samples = output.preview_samples
-    scene.cycles.use_denoising = True
-    scene.cycles.use_adaptive_sampling = True
-    scene.cycles.adaptive_threshold = 0.05
-    scene.cycles.max_bounces = 4
-    scene.cycles.use_fast_gi = True  # light below the crowns by the sky that a point sees
-    scene.cycles.fast_gi_method = "REPLACE"
-    scene.cycles.ao_bounces_render = 1
-    scene.cycles.caustics_reflective = scene.cycles.caustics_refractive = False
-    scene.cycles.seed = 0
     scene.render.resolution_percentage = 100
     scene.render.image_settings.file_format = "PNG"
     scene.view_settings.view_transform = "AgX"
@@ -531,7 +536,12 @@ def render_sheet(
         _hang(scene, species, tree, x, up / math.cos(TILT), size)
         cells.append(SheetCell(x * pixels, (high - up) * pixels, 1 / (size * pixels)))
     _aim(scene, columns * FIELD[0], high)
-    _light_sheet(scene)
+    # Sun from the front left, so that no tree shades its neighbour much, and a bright sky
+    scene.collection.objects.link(_sun("Sheet sun", 5.5, 3.0, (1.0, 0.92, 0.80), (52, 0, -38)))
+    scene.world = world = bpy.data.worlds.new("Sheet sky")
+    sky = next(n for n in tree_of(world).nodes if n.type == "BACKGROUND")
+    sky.inputs["Color"].default_value = (0.75, 0.86, 1.0, 1.0)
+    sky.inputs["Strength"].default_value = 0.8
     scene.render.film_transparent = True
     scene.render.image_settings.color_mode = "RGBA"
     output = spec.Output(preview_samples=samples)
@@ -587,15 +597,6 @@ def _aim(scene: bpy.types.Scene, wide: float, high: float) -> None:
     camera.rotation_euler = (math.pi / 2 - TILT, 0.0, 0.0)
     scene.collection.objects.link(camera)
     scene.camera = camera
-
-
-def _light_sheet(scene: bpy.types.Scene) -> None:
-    """Sun from the front left, so that no tree shades its neighbour much, and a bright sky."""
-    scene.collection.objects.link(_sun("Sheet sun", 5.5, 3.0, (1.0, 0.92, 0.80), (52, 0, -38)))
-    scene.world = world = bpy.data.worlds.new("Sheet sky")
-    sky = next(n for n in tree_of(world).nodes if n.type == "BACKGROUND")
-    sky.inputs["Color"].default_value = (0.75, 0.86, 1.0, 1.0)
-    sky.inputs["Strength"].default_value = 0.8
 
 
 BEHIND, NEAREST, FARTHEST = 60, 7.0, 55.0  # trees behind, metres

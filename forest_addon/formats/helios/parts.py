@@ -24,7 +24,7 @@ from .document import find_file, yes
 HEADER = 26  # lines of a spectrum
 UNKNOWN = 0.5
 SPECTRA = "data/spectra"
-WORDS = {"v": 1, "f": 2, "usemtl": 3}  # of lines of a Wavefront file that are read
+WORDS = {"v": 1, "f": 2, "usemtl": 3, "mtllib": 4}  # of lines of a Wavefront file that are read
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,9 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     """
     lines = _lines_of(path)
     word = np.array([WORDS.get(line.partition(" ")[0], 0) for line in lines], dtype=np.int8)
-    at_vertex, at_face, at_name = (np.flatnonzero(word == number) for number in WORDS.values())
+    at_vertex, at_face, at_name, at_file = (
+        np.flatnonzero(word == number) for number in WORDS.values()
+    )
     if not len(at_face):
         raise SpecError(str(path), "has no face")
     places = (" ".join(lines[line].split(None, 4)[1:4]) for line in at_vertex.tolist())
@@ -210,12 +212,13 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
         raise SpecError(str(path), "has corners that are no numbers")
     refuse_coarse(path, vertices, exact=True)
     material_of: dict[str, Material] = {}
-    for file in filter(Path.is_file, _material_files(path, lines)):
+    naming = [lines[line] for line in at_file.tolist()]
+    for file in filter(Path.is_file, _material_files(path, naming)):
         material_of |= read_materials(file)
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
     materials = tuple(material_of.get(name, Material()) for name in names)
-    return PartMesh(vertices, faces, slot, materials, notes=lost_materials(path, lines))
+    return PartMesh(vertices, faces, slot, materials, notes=lost_materials(path, naming))
 
 
 MOST_VOXELS = 20_000_000  # cells of the grid around a cloud

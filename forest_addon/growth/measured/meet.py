@@ -106,8 +106,8 @@ def grow_crown(
     size = (wanted.height, wanted.crown_base, wanted.crown_width - margin)
     frame = None
     if species.architecture is not None:
-        frame = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng)
-    nodes = colonise(crown, *size, rng, frame)
+        frame = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng, wanted.aside)
+    nodes = colonise(crown, *size, rng, frame, wanted.aside)
     ends = np.ones(len(nodes.parent), dtype=bool)
     ends[nodes.parent[1:]] = False
     tips = borne(nodes.parent, ends)

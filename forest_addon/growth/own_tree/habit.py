@@ -119,6 +119,15 @@ def fit(anatomy: Anatomy) -> Habit:
     orders = int(anatomy.order.max(initial=0)) + 1
     spread = [_spread(anatomy, slots, order) for order in range(1, orders)]
     tables = tuple(_table(anatomy, share, order) for order in range(1, orders))
+    # (C,) of how low pieces may be laid
+    lines, leaves = anatomy.lines, anatomy.foliage
+    begin = lines.first[:-1] + np.arange(anatomy.count)
+    lowest = np.minimum.reduceat(lines.knot[:, 2], begin)
+    hang = np.maximum.reduceat(lines.radius, begin)
+    if len(leaves.bearer):
+        stock = leaves.stock
+        reach = np.maximum.reduceat(lengths(stock.place), stock.vertices.first)
+        np.maximum.at(hang, leaves.bearer, reach + leaves.seat.away)
     return Habit(
         anatomy=anatomy,
         share=share,
@@ -129,21 +138,8 @@ def fit(anatomy: Anatomy) -> Habit:
         chance=np.array([0.0, *(chance for chance, _ in spread)]),
         scatter=np.array([0.0, *(scatter for _, scatter in spread)]),
         tables=tables,
-        floor=_floors(anatomy),
+        floor=np.asarray(np.minimum(lowest, hang)),
     )
-
-
-def _floors(anatomy: Anatomy) -> np.ndarray:
-    """(C,) of how low pieces may be laid."""
-    lines, leaves = anatomy.lines, anatomy.foliage
-    begin = lines.first[:-1] + np.arange(anatomy.count)
-    lowest = np.minimum.reduceat(lines.knot[:, 2], begin)
-    hang = np.maximum.reduceat(lines.radius, begin)
-    if len(leaves.bearer):
-        stock = leaves.stock
-        reach = np.maximum.reduceat(lengths(stock.place), stock.vertices.first)
-        np.maximum.at(hang, leaves.bearer, reach + leaves.seat.away)
-    return np.asarray(np.minimum(lowest, hang))
 
 
 def limbs(anatomy: Anatomy) -> np.ndarray:

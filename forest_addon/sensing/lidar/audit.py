@@ -56,11 +56,11 @@ def parts_of_scan(
     every = np.arange(scan.pulses) if pulses is None else pulses
     exact, count = scan.exactly(scene), len(every)
     wanted = ALLOWED + _rounding(true)
-    came = np.isin(every, cloud.pulse)
+    seen = np.isin(every, cloud.pulse)
     lost = np.zeros(count, dtype=bool)
     for one in cloud.lost:
-        lost |= (every >= one.first) & (every < one.stop) & ~came
-    came, empty = every[came], every[~came & ~lost]
+        lost |= (every >= one.first) & (every < one.stop) & ~seen
+    came, empty = every[seen], every[~seen & ~lost]
 
     def sent(again: Scan, among: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         def look(number: np.ndarray) -> np.ndarray:

@@ -199,24 +199,8 @@ def _outline(sensor: Any) -> np.ndarray:
     return outline(sensor)
 
 
-def _fewer_angles(scanner: Terrestrial, share: float) -> dict[str, Any]:
-    return {"angle_step_deg": min(scanner.angle_step_deg * share**0.5, 90.0)}
-
-
 def _fewer_pulses(scanner: Any, share: float) -> dict[str, Any]:
     return {"pulse_rate": scanner.pulse_rate / share}
-
-
-def _upright(_group: Any) -> str:
-    return keep("It stays upright")
-
-
-def _level(_group: Any) -> str:
-    return keep("It flies level")
-
-
-def _carried(group: Any) -> str:
-    return keep("Move what it follows") if group.follow else keep("It moves by its poses")
 
 
 TRACTOR = SensorKind(
@@ -233,7 +217,7 @@ TRACTOR = SensorKind(
     icon="MOD_ARRAY",
     posed=("position", "heading_deg"),
     turns=(2,),
-    fixed=_upright,
+    fixed=lambda _: keep("It stays upright"),
 )
 TERRESTRIAL = SensorKind(
     Terrestrial,
@@ -246,13 +230,15 @@ TERRESTRIAL = SensorKind(
     outline=_outline,
     look=look_of_terrestrial,
     glance=_glance,
-    thinned=_fewer_angles,
+    thinned=lambda scanner, share: {
+        "angle_step_deg": min(scanner.angle_step_deg * share**0.5, 90.0)
+    },
     family="lidar",
     help=keep("A scanner on a tripod, which looks all round"),
     icon="OUTLINER_OB_POINTCLOUD",
     posed=("position",),
     turns=(2,),
-    fixed=_upright,
+    fixed=lambda _: keep("It stays upright"),
 )
 MOBILE = SensorKind(
     Mobile,
@@ -273,7 +259,7 @@ MOBILE = SensorKind(
     icon="CURVE_PATH",
     posed=(),
     turns=(),
-    fixed=_carried,
+    fixed=lambda it: keep("Move what it follows") if it.follow else keep("It moves by its poses"),
 )
 AIRBORNE = SensorKind(
     Airborne,
@@ -292,5 +278,5 @@ AIRBORNE = SensorKind(
     icon="OUTLINER_OB_LIGHTPROBE",
     posed=("position", "heading_deg"),
     turns=(2,),
-    fixed=_level,
+    fixed=lambda _: keep("It flies level"),
 )

@@ -202,24 +202,6 @@ class Scan:
         found = found.select(rows)
         return replace(found, echoes=replace(found.echoes, pulse=place[rows], distance=seems[rows]))
 
-    def _with_noise(self, pulses: Pulses, keys: np.ndarray, found: Received) -> Received:
-        """Return echoes with the receiver's noise, and those of noise alone, which meet nothing."""
-        light = noisy_light(self.scanner, found.echoes, keys)
-        false = false_echoes(self.scanner, keys)
-        both = Received.joined(
-            [
-                replace(found, echoes=replace(found.echoes, energy=light)),
-                Received(
-                    false,
-                    replace(Hits.misses(len(false.pulse)), distance=false.distance),
-                    pulses.direction[false.pulse],
-                    np.full((len(false.pulse), 3), np.nan),
-                    None if found.bounce is None else np.zeros(len(false.pulse), dtype=np.int8),
-                ),
-            ]
-        )
-        return both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
-
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
         """Pieces of the scan from pulse ``first`` on: where each ends, and what it found.
 
@@ -288,7 +270,22 @@ class Scan:
         """Return what the receiver makes of echoes."""
         scanner = self.scanner
         if scanner.receiver.threshold_snr:
-            found = self._with_noise(pulses, keys, found)
+            # echoes with the receiver's noise, and those of noise alone, which meet nothing
+            light = noisy_light(self.scanner, found.echoes, keys)
+            false = false_echoes(self.scanner, keys)
+            both = Received.joined(
+                [
+                    replace(found, echoes=replace(found.echoes, energy=light)),
+                    Received(
+                        false,
+                        replace(Hits.misses(len(false.pulse)), distance=false.distance),
+                        pulses.direction[false.pulse],
+                        np.full((len(false.pulse), 3), np.nan),
+                        None if found.bounce is None else np.zeros(len(false.pulse), dtype=np.int8),
+                    ),
+                ]
+            )
+            found = both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
         found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
         found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
         return_keys = child_keys(keys[found.echoes.pulse], ranks(found.echoes.pulse))

@@ -247,11 +247,7 @@ def follow(
         child_keys(child_keys(keys[turned.ray], "bounce"), turned.bounce),
         turned.left,
     )
-    return Contacts.joined([contacts, _as_seen(found, turned, specular)]), ended
-
-
-def _as_seen(found: Contacts, turned: Turned, specular: SpecularScene) -> Contacts:
-    """Contacts of turned rays as the scanner sees them, with the light that reaches it."""
+    # Contacts of turned rays as the scanner sees them, with the light that reaches it
     turn = turned.select(found.ray)
     first, second = turn.left.distance, found.hits.distance
     seen = first + turn.ratio * second
@@ -260,13 +256,18 @@ def _as_seen(found: Contacts, turned: Turned, specular: SpecularScene) -> Contac
     light = found.light * turn.light * seen**2 / area
     light *= np.exp(air - 2 * turn.extinction * second)
     met = turn.origin + second[:, None] * turn.way
-    return Contacts(
-        turn.ray,
-        replace(found.hits, distance=seen),
-        found.organ,
-        light,
-        SightLines(met - seen[:, None] * turn.way, turn.way, turn.bounce),
-    )
+    return Contacts.joined(
+        [
+            contacts,
+            Contacts(
+                turn.ray,
+                replace(found.hits, distance=seen),
+                found.organ,
+                light,
+                SightLines(met - seen[:, None] * turn.way, turn.way, turn.bounce),
+            ),
+        ]
+    ), ended
 
 
 def _straight(
@@ -427,7 +428,14 @@ class Halo:
         self._scanner = scanner
         angle = scanner.receiver.halo_mrad
         self._beam = Beam(divergence_mrad=(angle, angle), subrays=RAYS)
-        self._middle, self._radius = _balls(scene)
+        # (K, 3) middles and (K,) radii, metres, of balls around the retro-reflectors
+        middle, radius = [], []
+        for row in np.flatnonzero(is_retro(scene)).tolist():
+            mesh = scene.meshes[scene.mesh_index[row]]
+            corners = apply_transform(scene.transform[row], mesh.vertices)
+            middle.append((corners.min(axis=0) + corners.max(axis=0)) / 2)
+            radius.append(float(np.linalg.norm(corners - middle[-1], axis=1).max()))
+        self._middle, self._radius = np.array(middle).reshape(-1, 3), np.array(radius)
 
     @classmethod
     def of(cls, scanner: Scanner, scene: SceneGeometry) -> Halo | None:
@@ -500,17 +508,6 @@ def is_retro(scene: SceneGeometry) -> np.ndarray:
     for mesh, slots in enumerate(scene.slot_optics):
         found |= (scene.mesh_index == mesh) & bool((slots[:, 0] == RETRO).any())
     return found
-
-
-def _balls(scene: SceneGeometry) -> tuple[np.ndarray, np.ndarray]:
-    """(K, 3) middles and (K,) radii, metres, of balls around the retro-reflectors."""
-    middle, radius = [], []
-    for row in np.flatnonzero(is_retro(scene)).tolist():
-        mesh = scene.meshes[scene.mesh_index[row]]
-        corners = apply_transform(scene.transform[row], mesh.vertices)
-        middle.append((corners.min(axis=0) + corners.max(axis=0)) / 2)
-        radius.append(float(np.linalg.norm(corners - middle[-1], axis=1).max()))
-    return np.array(middle).reshape(-1, 3), np.array(radius)
 
 
 def _together(found: Received, length: float) -> Received:

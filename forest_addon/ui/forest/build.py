@@ -135,9 +135,7 @@ def settle(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, brought: bool
         _let_be[key] = mark
     if mark == props.built:
         _let_be.pop(key, None)
-    if not props.live or mark in (UNUSABLE, props.built, _let_be.get(key)):
-        return ""
-    return mark
+    return "" if not props.live or mark in (UNUSABLE, props.built, _let_be.get(key)) else mark
 
 
 def begin_live(scene: bpy.types.Scene) -> None:

@@ -76,7 +76,14 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         return
     _following = True
     try:
-        _drop_deleted(props)
+        for planting in props.plantings:
+            for number in reversed(range(len(planting.gaussians))):
+                handle = planting.gaussians[number].handle
+                if handle is not None and not _stands(handle):
+                    planting.gaussians.remove(number)
+                    redraw_panels()
+                    last = len(planting.gaussians) - 1
+                    planting.active_gaussians = max(0, min(planting.active_gaussians, last))
         _adopt_copies(props, home)
         layer = depsgraph.view_layer
         moved = {u.id.name for u in depsgraph.updates if u.is_updated_transform}
@@ -103,17 +110,6 @@ def _hills(props: Any) -> Iterator[tuple[Any, int, Any]]:
 def _stands(thing: bpy.types.Object | None) -> bool:
     """Return whether a handle is in a scene; one that was deleted lives on for the hill's sake alone."""
     return thing is not None and bool(thing.users_collection)
-
-
-def _drop_deleted(props: Any) -> None:
-    for planting in props.plantings:
-        for number in reversed(range(len(planting.gaussians))):
-            handle = planting.gaussians[number].handle
-            if handle is not None and not _stands(handle):
-                planting.gaussians.remove(number)
-                redraw_panels()
-                last = len(planting.gaussians) - 1
-                planting.active_gaussians = max(0, min(planting.active_gaussians, last))
 
 
 def _adopt_copies(props: Any, home: bpy.types.Collection) -> None:

@@ -2,8 +2,6 @@
 up. What is recognised in trees of known structure.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Trees in one mesh: cut at their forks into what was joined."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -5,8 +5,6 @@ bend as they should. Trees as people model them come back: rebuilt exactly, with
 hang together. Portraits of trees whose numbers are known, and distances of distributions that are.
 """
 
-from __future__ import annotations
-
 import lzma
 from functools import cache
 from itertools import pairwise

@@ -2,8 +2,6 @@
 tree without leaves. A grown tree: what it is made of, its truth, its independence of everything else.
 """
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

@@ -2,8 +2,6 @@
 moves: as its members move, few, and rigid where a rigid thing moves.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

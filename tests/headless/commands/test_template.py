@@ -185,7 +185,8 @@ def test_unit_and_axis_may_be_given(files, capsys):
 @pytest.mark.slow
 def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, capsys, monkeypatch):
     """Allowed is so little that no siblings keep to it: exit code 5, the files and no scene."""
-    monkeypatch.setattr("forest_addon.growth.likeness.MOST_DIFFERENCE", 1e-4)
+    for name, few in (("MOST_DIFFERENCE", 1e-4), ("FEWEST", 6), ("MESHED", 2)):
+        monkeypatch.setattr(f"forest_addon.growth.likeness.{name}", few)
     monkeypatch.setattr("headless.commands.template.can_draw", lambda: False)
     monkeypatch.setattr("headless.commands.template.SENSED", 1)
     monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 2)

@@ -1,7 +1,5 @@
 """A pattern read from a cloud is the one that the cloud was flown with; trajectories from files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from references.rays import BruteCaster, ground, scene_with, wall

@@ -1,7 +1,5 @@
 """Where pulses go: patterns of sweeps, ways of platforms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

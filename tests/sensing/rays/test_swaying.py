@@ -1,7 +1,5 @@
 """Rays among pieces that move: closed forms of a plate and a pole, engines of single pieces, and time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Directions of arrival: ambisonics by their definition, a head read back from a SOFA file and heard."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Decay, reverberation time and clarity against closed forms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

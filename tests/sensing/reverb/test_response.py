@@ -1,7 +1,5 @@
 """The forest's impulse response against scalar loops, and its hard cases (PHYSICS 5.8)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

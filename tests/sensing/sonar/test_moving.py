@@ -1,7 +1,5 @@
 """Echoes of objects that move and turn: delay of each ping and Doppler against closed forms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

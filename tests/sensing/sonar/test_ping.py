@@ -1,7 +1,5 @@
 """The foliage echo against scalar loops, and its hard cases (PHYSICS 4.4)."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """The receiver of a sonar: its transducer, its noise, and what it makes of echoes."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from types import SimpleNamespace

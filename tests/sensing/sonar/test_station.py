@@ -1,7 +1,5 @@
 """Beams of call and ears, several ears, poses."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Scatterers by blocks of instances against all leaves laid out in the world."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

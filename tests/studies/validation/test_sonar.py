@@ -1,7 +1,5 @@
 """The study of the sonar: measures in closed form, a made-up pole that tells its recorder, leaves' areas."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Transport in space in the layer of a forest: closed forms, another Monte Carlo, waves among points."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

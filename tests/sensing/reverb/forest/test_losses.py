@@ -1,7 +1,5 @@
 """What paths lose: against a field in space, the direct sum, and integrals done another way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

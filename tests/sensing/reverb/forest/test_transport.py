@@ -1,7 +1,5 @@
 """Energy of sound scattered again and again: a closed form, balance, stands that are not even."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The sum over trunks: the promise of a tolerance over drawn scenes, and stands and records that are hard."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
