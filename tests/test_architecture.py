@@ -101,7 +101,7 @@ BUDGETS = {
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1855, 12),
     "forest_addon/formats": (3453, 29),
-    "forest_addon/growth": (8187, 36),
+    "forest_addon/growth": (8189, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1220, 17),
     "forest_addon/sensing": (12676, 92),
