@@ -4,8 +4,8 @@ A tree's targets are what its list or its planting says, the rest drawn by the a
 stream of its own; one part is the stand's, as studies differ, one is what neighbours leave (``competition``).
 No more trees than variants: each is grown for itself. More: trees of like proportions share a variant
 (k-means over log H/D, W/D, leaf area/D², the odds of the base, and less so log D, each over its measured
-spread), which is grown to the targets of the one nearest to their middle. A tree is its variant in the size
-at which the stem, 1.3 m up, has its diameter, exactly.
+spread, and how far the crown stands aside), which is grown to the targets of the one nearest to their
+middle. A tree is its variant in the size at which the stem, 1.3 m up, has its diameter, exactly.
 
 Trees set by hand take part in none of this beside trees that are drawn: each is one of the variants that
 those have, in the size of its own diameter, so that nothing else changes where one is set.
@@ -18,7 +18,8 @@ square of their height over its own (light comes from above), cover a share of t
 of its kind: above 0 the base is higher and the crown narrower than of most measured trees, below 0 lower and
 wider. Stands differ in these also by what competition does not tell. Crowns of neighbours overlap little and
 grow into gaps between them, no living crown is but a tuft on a pole, none has more leaves than nineteen of
-twenty measured ones, and no stand a larger leaf area index than closed ones have.
+twenty measured ones, and no stand a larger leaf area index than closed ones have. A crown stands aside of its
+stem, towards the light (``aside``): its variant is grown so, and the tree is turned to where the light is.
 
 Targets of trees against their measures: reached or not, and whether they are as measured trees are.
 
@@ -37,6 +38,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtr, ndtri
 
 from ..base.rng import child_keys, first_key, keyed_uniform, stream
+from ..base.vectors import azimuth_of
 from ..growth.measured.allometry import (
     BREAST,
     MEASURES,
@@ -51,10 +53,11 @@ from ..growth.measured.allometry import (
     middle,
     scores,
     stem_profile,
+    suppressed,
 )
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, SpecError, Species
-from .compose import Inputs
+from .compose import Inputs, TreeList
 from .layouts import told_of
 from .plan import Stand, chosen_of
 
@@ -71,6 +74,7 @@ MISTAKEN = (  # units, and what they make of diameters and heights
     ("diameters in centimetres taken for millimetres", 10.0, 1.0),
 )
 DBH_SPREAD = 0.2  # of log D, within which proportions hardly change
+ASIDE_SPREAD = 0.2  # radii aside of a stem, likewise
 
 
 @dataclass(frozen=True)
@@ -120,8 +124,24 @@ def with_targets(
         where = f"plantings[{group.number}]"
         wanted[rows] = drawn(law, group.dbh, group.given, uniform, where, site)
     for rows, free in _free(wanted, groups, 1):
-        place = stand.position[rows, :2]
-        wanted[rows, 2] = filled(place, apart(place, wanted[rows, 2], free), free)
+        wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
+    lean, rotation = np.zeros((len(stand), 2)), stand.rotation.copy()
+    rows = np.flatnonzero(np.isfinite(wanted[:, 0]))
+    grows = np.zeros(len(stand), dtype=bool)
+    for group in groups:
+        listed = _list_of(plantings[group.number], inputs)
+        turned = None if listed is None else listed.rotation
+        told = turned is not None and bool(np.isfinite(turned).any())
+        grows[group.rows] = species[group.number][0].crown is not None and not told
+    grows &= stand.number >= 0
+    canopy = canopy_of(wanted[rows, 0])
+    lean[rows] = aside(stand.position[rows, :2], *wanted[rows, 1:3].T, canopy)
+    lean *= grows[:, None]
+    off = np.linalg.norm(lean, axis=1)
+    rotation[off > 0] = azimuth_of(lean[off > 0])
+    for rows, free in _free(wanted, groups, 1):
+        place = stand.position[rows, :2] + lean[rows] * wanted[rows, 2:3] / 2
+        wanted[rows, 2] = filled(place, *wanted[rows, 1:3].T, free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)
@@ -134,16 +154,18 @@ def with_targets(
     for group in groups:
         rows, number = group.rows, group.number
         rng = stream(seed, "stand", names[number], "variants")
-        label, models = groups_of(wanted[rows], plantings[number].variants, group.law, rng)
+        many = plantings[number].variants
+        label, chosen = groups_of(wanted[rows], many, group.law, rng, off[rows])
         variant[rows], scale[rows] = label, 1.0
-        models = wanted[rows[models]]
-        variants |= {(number, k): Wanted(*model.tolist()) for k, model in enumerate(models)}
+        models = wanted[rows[chosen]]
+        for k, row in enumerate(rows[chosen].tolist()):
+            variants[number, k] = Wanted(*wanted[row].tolist(), aside=float(off[row]))
         rows = np.flatnonzero((stand.species == number) & (stand.number < 0))
         if len(rows):
             asked = told_of(plantings[number], stand.number[rows], "variant")
             variant[rows], wanted[rows] = _like(asked, variant[rows], models, group, rows, wanted)
             scale[rows] = 1.0
-    sized = replace(stand, variant=variant, scale=scale)
+    sized = replace(stand, variant=variant, scale=scale, rotation=rotation)
     return MeasuredTrees(sized, wanted, variants, tuple(laws), tuple(ignored))
 
 
@@ -325,9 +347,16 @@ def _free(
 
 
 def groups_of(
-    wanted: np.ndarray, most: int, law: Allometry | None, rng: np.random.Generator
+    wanted: np.ndarray,
+    most: int,
+    law: Allometry | None,
+    rng: np.random.Generator,
+    off: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trees (N, 5) in at most so many groups: the group (N,) of each, and a tree that stands for each."""
+    """Trees (N, 5) in at most so many groups: the group (N,) of each, and a tree that stands for each.
+
+    off : (N,) radii that crowns stand aside of their stems; None: none does.
+    """
     count = len(wanted)
     if count <= most:
         return np.arange(count), np.arange(count)
@@ -341,7 +370,8 @@ def groups_of(
     features = np.column_stack(
         [np.log(h / d), np.log(w / d), np.log(b / (h - b)), np.log(area / d**2)]
     )
-    features = np.column_stack([features / spread, np.log(d) / DBH_SPREAD])
+    beside = np.zeros(count) if off is None else off / ASIDE_SPREAD
+    features = np.column_stack([features / spread, np.log(d) / DBH_SPREAD, beside])
     centres, group = kmeans2(features, most, iter=30, minit="++", rng=rng)
     used, group = np.unique(group, return_inverse=True)
     far = np.linalg.norm(features - centres[used][group], axis=1)
@@ -391,27 +421,35 @@ def _listed(
     number: int, names: Sequence[str], plantings: Sequence[Planting], inputs: Inputs
 ) -> np.ndarray:
     """(M, 5) the measures of a planting's list, no rows where it has none."""
-    planting = plantings[number]
-    listed = inputs.lists.get(planting.trees or planting.collection)
-    if planting.layout != "list" or listed is None or listed.measures is None:
+    listed = _list_of(plantings[number], inputs)
+    if listed is None or listed.measures is None:
         return np.empty((0, 5))
     return listed.measures[chosen_of(number, names, plantings, listed)]
 
 
+def _list_of(planting: Planting, inputs: Inputs) -> TreeList | None:
+    """The list that a planting's trees are of, where it is of one."""
+    named = planting.layout == "list"
+    return inputs.lists.get(planting.trees or planting.collection) if named else None
+
+
+Pairs = tuple[np.ndarray, np.ndarray]
 KERNEL = 1.0  # standard deviation of the kernel over the mean width of crowns
 REACH = 2.5  # of those, beyond which neighbours do not count
 CLOSED, SPREAD = 1.5, 0.7  # κ₀ and s
 MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
 ALONE = (-MOST * WIDTH, -MOST * BASE)  # scores of crown width and base of a tree without neighbours
-THINNEST, THICKEST = 0.025, 0.6  # metres, and of the canopy's: diameters of the understorey
-# Metres in which numbers of trees by diameter fall by e, as by 1.4 in 5 cm.
-FALL = 0.05 / np.log(1.4)
 YOUNG = 0.07  # metres of diameter, below which a tree stands under the canopy
 OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width
 INTO_GAPS = 0.17  # of its width, that a crown with gaps on half its sides is wider than drawn
 BESIDE, SIDES = 1.1, 24  # of its radius, where a crown's sides are looked at, and how many of them
+WAYS = np.stack([f(2 * np.pi * np.arange(SIDES) / SIDES) for f in (np.cos, np.sin)], axis=1)
+AROUND = (0.5, 0.8, 1.05, 1.3, 1.5)  # of its radius, where it looks for light
+CLAIMS = 1.2  # of its radius, as far as a neighbour holds light back
+SHADES = 0.6  # of a tree's height, that neighbours have which hold light back
+FARTHEST = 0.6  # of its radius, that a crown's middle stands aside of its stem
 SHORTEST = 0.2  # length over the height of its tree that living crowns come near to, and none has
 DENSEST = 15.0  # m² of leaves over the m² that a crown covers
 MOST_INDEX = (
@@ -490,18 +528,6 @@ def competed(uniform: np.ndarray, found: np.ndarray) -> np.ndarray:
     return mixed
 
 
-def suppressed(dbh: np.ndarray, keys: np.ndarray, share: float) -> np.ndarray:
-    """(N,) diameters, m, of trees with keys (N,), of which this share stand under the canopy.
-
-    Numbers of trees by diameter fall there exponentially, by the same factor from class to class (de Liocourt
-    1898; Meyer 1952, J. For. 50:85), up to a share of the diameter that the tree had in the canopy.
-    """
-    most = np.maximum(THICKEST * dbh, THINNEST)
-    falls = -np.expm1((THINNEST - most) / FALL)
-    thin = THINNEST - FALL * np.log1p(-falls * keyed_uniform(keys, "suppressed"))
-    return np.where(keyed_uniform(keys, "understorey") < share, thin, dbh)
-
-
 def apart(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray:
     """(N,) crown widths, those that are free (N,) bool narrower where neighbours stand too near."""
     if len(place) < 2:
@@ -518,23 +544,68 @@ def apart(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray:
     return np.where(free, width * np.clip(factor, NARROWEST, 1.0), width)
 
 
-def filled(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray:
+def claimants(place: np.ndarray, height: np.ndarray, width: np.ndarray, share: float) -> Pairs:
+    """(M,) trees, and (M,) neighbours of each that may hold light back from within so many of its radii."""
+    reach = (share + CLAIMS) * float(width.max()) / 2
+    a, b = cKDTree(place).query_pairs(reach, output_type="ndarray").T
+    tree, other = np.concatenate([a, b]), np.concatenate([b, a])
+    apart_by = np.linalg.norm(place[tree] - place[other], axis=1)
+    near = apart_by < (share * width[tree] + CLAIMS * width[other]) / 2
+    near &= height[other] >= SHADES * height[tree]
+    return tree[near], other[near]
+
+
+def unclaimed(
+    eye: np.ndarray, place: np.ndarray, width: np.ndarray, pairs: Pairs, share: float
+) -> np.ndarray:
+    """(N, SIDES) whether points (N, SIDES, 2), so many radii from the middles (N, 2) of crowns, are nearer in
+    radii to none of the neighbours, ``claimants``."""
+    tree, other = pairs
+    free = np.ones(eye.shape[:2], dtype=bool)
+    away = np.linalg.norm(eye[tree] - place[other][:, None], axis=2)
+    np.logical_and.at(free, tree, away >= min(share, CLAIMS) * width[other][:, None] / 2)
+    return free
+
+
+def aside(
+    place: np.ndarray, height: np.ndarray, width: np.ndarray, canopy: np.ndarray
+) -> np.ndarray:
+    """(N, 2) how far crowns of trees at places (N, 2) stand aside of their stems, in their radii.
+
+    Crowns are displaced away from large and near neighbours, towards light (Muth and Bazzaz 2003, Can. J.
+    For. Res. 33:1323): here to the mean place of what neighbours of the canopy (N,) bool leave of the area
+    about a tree. Where that ends with the rectangle of the canopy, the opposite side does not count either.
+    """
+    if len(place) < 2:
+        return np.zeros((len(place), 2))
+    low, high = place[canopy].min(axis=0), place[canopy].max(axis=0)
+    tree, other = claimants(place, height, width, AROUND[-1])
+    pairs = tree[canopy[other]], other[canopy[other]]
+    shift = np.zeros((len(place), 2))
+    for share in AROUND:
+        eye = place[:, None] + share * width[:, None, None] / 2 * WAYS
+        seen = ((eye >= low) & (eye <= high)).all(axis=2)
+        seen &= np.roll(seen, SIDES // 2, axis=1)
+        shift += share**2 * (unclaimed(eye, place, width, pairs, share) & seen) @ WAYS
+    shift /= SIDES * sum(AROUND)
+    size = np.linalg.norm(shift, axis=1, keepdims=True)
+    shift *= np.minimum(1.0, FARTHEST / np.maximum(size, 1e-9))
+    return np.where(size > 1e-6, shift, 0.0)
+
+
+def filled(
+    place: np.ndarray, height: np.ndarray, width: np.ndarray, free: np.ndarray
+) -> np.ndarray:
     """(N,) crown widths, those that are free (N,) bool wider where gaps are between neighbours.
 
-    Crowns of closed stands grow towards gaps (Muth and Bazzaz 2003, Can. J. For. Res. 33:1323), so that they
-    leave less sky than circles drawn at random. A tree with gaps on all sides, or on none, stays as drawn.
+    Crowns of closed stands grow towards gaps, so that they leave less sky than circles drawn at random. A
+    tree with gaps on all sides, or on none, stays as drawn.
     """
     if len(place) < 2:
         return width
-    side = 2 * np.pi * np.arange(SIDES) / SIDES
-    way = np.column_stack([np.cos(side), np.sin(side)])
-    eye = place[:, None] + BESIDE * width[:, None, None] / 2 * way
-    a, b = cKDTree(place).query_pairs(BESIDE * float(width.max()), output_type="ndarray").T
-    sky = np.ones((len(place), SIDES), dtype=bool)
-    for tree, other in ((a, b), (b, a)):
-        away = np.linalg.norm(eye[tree] - place[other][:, None], axis=2)
-        np.logical_and.at(sky, tree, away > width[other][:, None] / 2)
-    gaps = sky.mean(axis=1)
+    eye = place[:, None] + BESIDE * width[:, None, None] / 2 * WAYS
+    pairs = claimants(place, height, width, BESIDE)
+    gaps = unclaimed(eye, place, width, pairs, BESIDE).mean(axis=1)
     return np.where(free, width * (1 + 4 * INTO_GAPS * gaps * (1 - gaps)), width)
 
 

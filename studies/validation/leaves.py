@@ -35,7 +35,7 @@ TITLE = "Leaves: how they incline"
 SUMMARY = """\
 Measured: leaf inclinations of 138 species from levelled photographs (Chianucci, Pisek, Raabe et al. 2018,
 *A dataset of leaf inclination angles for temperate and boreal broadleaf woody species*, Ann. For. Sci.
-75:50; MIT). *Before* are presets of the papers, which say how leaves stand on their twigs but not how they
+75:50; MIT). *Simpler model*: presets of the papers, which say how leaves stand on twigs but not how they
 incline; they stay as they are. *Simulated* are presets of the same wood under the species' name, whose
 `[inclination]` is a beta distribution of measured mean and deviation, or, where that is refused (birch),
 the measured shares of 5° classes. 1,000 leaves of three trees each; intervals are 95 % for the mean of

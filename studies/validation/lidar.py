@@ -188,7 +188,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
     if arguments.file:
         return compare_own(arguments.file, arguments.scene)
     found = compare_flights(data / "clouds", arguments.seed)
-    found += compare_twin(data / "chablais3", arguments.seed)
+    found += compare_twin(data, out, arguments.seed)
     found += compare_waveforms(data / "waveforms", arguments.seed)
     found += compare_gaps(arguments.seed)
     found += compare_stems(data / "rioja", out, arguments.seed)

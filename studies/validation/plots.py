@@ -274,27 +274,34 @@ def compare_living(data: Path, seed: int) -> list[Comparison]:
     found = _plot_rows(seed)
     drone = data / "clouds" / "spanner_UAS.laz"
     if drone.is_file():
-        real = np.asarray(laspy.read(drone).xyz)
-        real = real - real.min(axis=0)
-        floor = ground_below(real)
-        tops = tops_of(real, real[:, 2] - floor)
-        law = read_allometry("pinus-sylvestris", Path())
-        dbh = np.linspace(0.05, 1.0, 400)
-        stems = np.column_stack(
-            [tops[:, :2], np.interp(tops[:, 2], np.exp(middle(law.height, dbh)), dbh), tops[:, 2]]
-        )
-        stand = site_of(stems, "scots-pine", seed)
-        ours = flown(stand, stand.grow(), seed, np.ptp(real[:, :2], axis=0))
+        real, floor, ours, trees = drones_plot(drone, seed)
         alike = float(np.minimum(profile(real, floor), profile(ours)).sum())
         found.append(
             Comparison(
                 *("drone's plot, overlap of profiles by height", "", Interval(1.0)),
                 *(Interval(alike), bool(alike >= 0.85)),
-                words=f"{len(stems)} trees as high as the cloud's summits, with the diameters that "
+                words=f"{trees} trees as high as the cloud's summits, with the diameters that "
                 "Scots pines of these heights have.",
             )
         )
     return found + _beech_rows(data / "wood" / "aRchi_1_qsm.txt", seed)
+
+
+def drones_plot(file: Path, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Points (P, 3) of a drone's plot and the ground below them (P,), points of a stand of as high pines that
+    is flown like it, and how many trees it has."""
+    real = np.asarray(laspy.read(file).xyz)
+    real = real - real.min(axis=0)
+    floor = ground_below(real)
+    tops = tops_of(real, real[:, 2] - floor)
+    law = read_allometry("pinus-sylvestris", Path())
+    dbh = np.linspace(0.05, 1.0, 400)
+    stems = np.column_stack(
+        [tops[:, :2], np.interp(tops[:, 2], np.exp(middle(law.height, dbh)), dbh), tops[:, 2]]
+    )
+    stand = site_of(stems, "scots-pine", seed)
+    ours = flown(stand, stand.grow(), seed, np.ptp(real[:, :2], axis=0))
+    return real, floor, ours, len(stems)
 
 
 def _plot_rows(seed: int) -> list[Comparison]:

@@ -451,8 +451,8 @@ like: 400 to 1,500 stems/ha, radii of 5 to 15 cm, forest floor of 50 to 88 kPa·
 leaves a cubic metre at the height of the path, bark that absorbs 2 to 10 %, trees of 10 to 22 m that lean
 by 1 to 3 degrees, 0.3 to 2 m² of herbs' leaves a square metre, loudspeakers and microphone at 1 to
 1.6 m; none is fitted. Sources are the loudspeakers that were used, as far as their directivity is known.
-Intervals hold 90 % of the stands; *before* is Kaneko & Gamper's model in the same stands, as the tool had
-it. T20 agrees where the median stand is within 25 % of the recording, C50 within 3 dB. *As expected*: the
+Intervals hold 90 % of the stands; *simpler model* is Kaneko & Gamper's in the same
+stands. T20 agrees where the median stand is within 25 % of the recording, C50 within 3 dB. *As expected*: the
 mean over all places of the trunks, without a sum over them, so that more stands can be asked.
 Albert et al. (2015, JASA 138:735): 30 m paths in seven stands; only their reverberation times are
 published.

@@ -159,12 +159,12 @@ class Subject:
 
 
 def table_of(comparisons: Sequence[Comparison]) -> list[str]:
-    """The rows of a Markdown table; the column *before* only where something was mended."""
+    """The rows of a Markdown table; that of a simpler model only where there is one."""
     before = any(c.before for c in comparisons)
     names = [
         "quantity",
         "measured",
-        *(["before"] if before else []),
+        *(["simpler model"] if before else []),
         "simulated",
         "verdict",
         "tells",

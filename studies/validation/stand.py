@@ -44,8 +44,8 @@ from .run import Comparison, Interval, Picture
 TITLE = "Stands: where trees stand"
 SUMMARY = """\
 Measured: four maps of trees from the R package spatstat.data: *Beilschmiedia* on Barro Colorado (bei, with
-its terrain), longleaf pines, young Finnish pines and Norway spruces. *Before* is what the project could
-draw, a Poisson process; *simulated* the process that serves best. Values are L(r) - r at the radius where
+its terrain), longleaf pines, young Finnish pines and Norway spruces. *Simpler model* is a Poisson
+process; *simulated* the process that serves best. Values are L(r) - r at the radius where
 the map strays farthest from it, with the global 5 % envelope of 39 drawn stands.
 """
 TERMS = """\

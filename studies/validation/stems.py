@@ -95,9 +95,9 @@ BINS = np.array([2.5, 7.5, 12.5, 17.5, 20.0])
 PLOTS = 4
 NEAR = 0.05  # of a ratio; with 1 cm of diameter what was asked of the model
 WORDS = (
-    "Before, trees are the preset stretched to the height and diameter of each tree; its branches begin "
-    "at the ground and hide stems. Now crowns begin at 0.56 of the height (BAAD's evergreen conifers) and "
-    "boles are bare. Agrees within 0.05."
+    "In the simpler model trees are the preset stretched to the height and diameter of each tree; its "
+    "branches begin at the ground and hide stems. In the other crowns begin at 0.56 of the height (BAAD's "
+    "evergreen conifers) and boles are bare. Agrees within 0.05."
 )
 SCANNER = Terrestrial(
     position=(0.0, 0.0, 1.5),

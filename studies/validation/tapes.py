@@ -476,7 +476,8 @@ def compare_residuals(wood: Path, seed: int) -> Comparison:
     row = Comparison(
         *("residuals of circles on pines", "mm", published, mine, published.meets(mine)),
         words=f"Of {len(ours)} stems of 12.8 to 28.5 cm with bark from five tripods, 3 mm of noise; scans "
-        f"are joined amiss by {1000 * JOINED.registration_sd:g} mm along each axis, before not at all; "
+        f"are joined amiss by {1000 * JOINED.registration_sd:g} mm along each axis, "
+        "in the simpler model not at all; "
         "measured in two other clouds of pines. Agrees where the intervals meet; ours holds 90 % of the "
         "stems.",
         before=Interval.of(1000 * exact[:, 4]),

@@ -12,6 +12,8 @@ single pulses, and how many returns lie between a first and a last, but not how 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -20,9 +22,10 @@ from scipy.spatial import cKDTree
 
 from forest_addon import api
 
-from ..inside import write_like
+from ..inside import INK, LEAF_GREEN, blank_figure, save_figure, write_like
 from .own_cloud import CloudReturns, read_cloud
-from .run import Comparison, Interval
+from .plots import drones_plot
+from .run import Comparison, Interval, Picture
 
 SPECIES = ("PIAB=norway-spruce", "FASY=european-beech", "ABAL=silver-fir")
 OTHERS = "FASY"  # whose place the few trees of other species take
@@ -35,6 +38,12 @@ NEAR, A_METRE = (
     2.1,
     0.14,
 )  # m, and for a metre of height, that a summit may be off its tree (Monnet 2010)
+
+SLICES = {"spruces and firs": (40.0, 46.0), "beeches": (22.0, 28.0)}  # m from the plot's south
+HIGH, LONG, DOTS = 38.0, 42.0, 7000  # m, m, and points of a slice that are drawn
+Slice = tuple[
+    str, np.ndarray, np.ndarray
+]  # title, and (N, 2) along it and over the ground, m: real, ours
 
 Measures = dict[str, float]
 UNITS = {
@@ -120,22 +129,71 @@ def flown_twin(cloud: Path, table: Path, folder: Path, seed: int) -> CloudReturn
     return CloudReturns(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def compare_twin(data: Path, seed: int) -> list[Comparison]:
-    """Rows of Chablais 3 and its twins of ``SEEDS`` seeds."""
-    file, table = data / "las_chablais3.laz", data / "trees.csv"
+def draw_slices(slices: Sequence[Slice], path: Path) -> Picture:
+    """Slices of real clouds beside those of ours."""
+    figure = blank_figure((9.0, 2.6 * len(slices)))
+    rows = figure.subplots(len(slices), 2, sharex=True, sharey=True)
+    for axes, (title, *clouds) in zip(rows, slices, strict=True):
+        for plot, points, whose in zip(axes, clouds, ("measured", "simulated"), strict=True):
+            some = points[:: max(1, len(points) // DOTS)]
+            plot.plot(
+                *some.T, ".", markersize=0.8, color=LEAF_GREEN if whose != "measured" else INK
+            )
+            plot.set(xlim=(0, LONG), ylim=(-1, HIGH), aspect="equal", title=f"{title}, {whose}")
+    for plot in rows[:, 0]:
+        plot.set_ylabel("height, m")
+    words = (
+        "Slices of a drone's plot of pines, 5 m deep, and Chablais 3, 6 m deep, where spruces and firs stand "
+        "and where beeches do, over younger ones: real clouds, and ours of the same trees."
+    )
+    return Picture(save_figure(figure, path), words)
+
+
+def _slices(real: CloudReturns, ours: CloudReturns, low: np.ndarray) -> list[Slice]:
+    """Slices of the plot and of its twin, from the corner ``low``."""
+    found = []
+    for title, band in SLICES.items():
+        parts = []
+        for cloud in (real, ours):
+            height, north = cloud.heights(), cloud.place[:, 1] - low[1]
+            rows = (north > band[0]) & (north < band[1])
+            parts.append(np.column_stack([cloud.place[rows, 0] - low[0], height[rows]]))
+        found.append((title, *parts))
+    return found
+
+
+def _pines(file: Path, seed: int) -> list[Slice]:
+    """A slice of a drone's plot of pines and of ours."""
+    real, floor, ours, _ = drones_plot(file, seed)
+    real = np.column_stack([real[:, :2], real[:, 2] - floor])
+    cut = [cloud[np.abs(cloud[:, 1] - 13.0) < 2.5][:, [0, 2]] for cloud in (real, ours)]
+    return [("pines", *cut)]
+
+
+def compare_twin(data: Path, out: Path, seed: int) -> list[Comparison]:
+    """Rows of Chablais 3 and its twins of ``SEEDS`` seeds; its picture goes to ``out``."""
+    file, table = (data / "chablais3" / name for name in ("las_chablais3.laz", "trees.csv"))
     rows = np.genfromtxt(table, delimiter=",", names=True, dtype=None, encoding="utf-8")
     trees = np.column_stack([rows["x"], rows["y"], rows["height_m"]])
     low, high = trees[:, :2].min(axis=0) + EDGE, trees[:, :2].max(axis=0) - EDGE
     trees = trees[((trees[:, :2] > low) & (trees[:, :2] < high)).all(axis=1)]
-    real, layers = measured(read_cloud(file).within(low, high), trees)
-    each, overlap = [], []
+    cloud = read_cloud(file).within(low, high)
+    real, layers = measured(cloud, trees)
+    each, overlap, slices = [], [], _pines(data / "clouds" / "spanner_UAS.laz", seed)
     for k in range(SEEDS):
         with TemporaryDirectory() as folder:
             twin = flown_twin(file.resolve(), table.resolve(), Path(folder), seed + k)
-        values, ours = measured(twin.within(low, high), trees)
+        twin = twin.within(low, high)
+        slices += _slices(cloud, twin, low) if not k else []
+        values, ours = measured(twin, trees)
         each.append(values)
         overlap.append(np.minimum(layers, ours).sum())
-    found = [_row("overlap of profiles by height", "", 1.0, overlap, 1 - OVERLAP)]
+    drawn = (draw_slices(slices, out / "slices.png"),)
+    found = [
+        replace(
+            _row("overlap of profiles by height", "", 1.0, overlap, 1 - OVERLAP), pictures=drawn
+        )
+    ]
     for name, unit in UNITS.items():
         within = POINTS if unit == "%" else METRES
         found.append(_row(name, unit, real[name], [values[name] for values in each], within))

@@ -49,6 +49,7 @@ from forest_addon.stand.forest import (
 )
 from forest_addon.stand.intensity.surface import Flat, Heightmap, Triangulated, roughened
 from forest_addon.stand.measured import (
+    aside,
     dbh_at,
     facts_of,
     groups_of,
@@ -496,3 +497,22 @@ def test_trees_of_dead_wood_alone_are_audited_as_others():
     (tree, *_) = ForestSite.read(scene_of("none", "stump")).grow().variants.values()
     rng = np.random.default_rng(0)
     assert held([part_of_tubes([(tree, 0.002)], rng)], rng, 0.01).kept
+
+
+def test_crowns_stand_aside_towards_the_light():
+    ticks = 2.5 * np.arange(9)
+    place = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    gone = np.linalg.norm(place - place[40] - [2.5, 0.0], axis=1) < 0.1
+    place, height, width = place[~gone], np.full(80, 15.0), np.full(80, 3.0)
+    every = np.ones(80, dtype=bool)
+    found = aside(place, height, width, every)
+    assert found[40, 0] > 0.1  # to the gap at its side
+    assert abs(found[40, 1]) < 1e-9
+    assert np.abs(found[0]).max() < 1e-9  # as much light on all sides as it can be told
+    assert not aside(place, np.where(np.arange(80) == 40, 30.0, height), width, every)[
+        40
+    ].any()  # taller
+    far = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]])
+    assert not aside(far, height[:3], width[:3], every[:3]).any()
+    turned = aside(place @ [[0.0, 1.0], [-1.0, 0.0]], height, width, every)
+    assert turned == pytest.approx(found @ [[0.0, 1.0], [-1.0, 0.0]], abs=1e-9)

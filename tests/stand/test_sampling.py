@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.library import find_species, load_species
-from forest_addon.growth.measured.allometry import band
+from forest_addon.growth.measured.allometry import band, suppressed
 from forest_addon.spec import (
     Clusters,
     Forest,
@@ -55,7 +55,6 @@ from forest_addon.stand.measured import (
     cover,
     filled,
     leaf_area_index,
-    suppressed,
     with_targets,
 )
 from forest_addon.stand.plan import labels, plan_stand
@@ -543,16 +542,17 @@ def test_crowns_grow_into_gaps_between_neighbours_alone():
     place = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     place = place + rng.uniform(-0.7, 0.7, place.shape)
     width, free = np.full(len(place), 3.0), np.ones(len(place), dtype=bool)
-    wider = filled(place, width, free)
+    height = np.full(len(place), 15.0)
+    wider = filled(place, height, width, free)
     assert (wider >= width).all()
     assert (wider <= 1.17 * width + 1e-9).all()
     looks = rng.uniform(2.5, 25.0, (20_000, 2))
     away = np.linalg.norm(looks[:, None] - place, axis=2)
     sky = [(away > w / 2).all(axis=1).mean() for w in (width, wider)]
     assert sky[1] < 0.6 * sky[0]
-    assert filled(place, width, ~free).tolist() == width.tolist()  # what is given stays
+    assert filled(place, height, width, ~free).tolist() == width.tolist()  # what is given stays
     for apart_by in (50.0, 0.5):  # gaps on all sides, or on none
-        looked = filled(apart_by / 2.5 * place, width, free)
+        looked = filled(apart_by / 2.5 * place, height, width, free)
         assert looked[66] == 3.0  # a tree in the middle
 
 

@@ -40,7 +40,7 @@ the outermost leaf: the mean caliper of a convex hull is its perimeter over π (
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -482,6 +482,9 @@ SLENDER = (8.0, 400.0)  # height over diameter that was ever measured
 USUAL_DBH = Normal(mean=0.25, sd=0.06)  # metres, where nobody says one
 MOST_TIMES = 5.0  # over the largest leaf area that 95 % of the kind have
 BREAST = 1.3  # metres
+THINNEST, THICKEST = 0.025, 0.6  # metres, and of the canopy's: diameters of the understorey
+# Metres in which numbers of trees by diameter fall by e, as by 1.4 in 5 cm.
+FALL = 0.05 / np.log(1.4)
 MANY = 2000  # points, of which an inner hull is made first
 
 
@@ -495,17 +498,17 @@ class Kind:
 
 @dataclass(frozen=True)
 class Wanted:
-    """Targets of one tree, metres and m²."""
+    """Targets of one tree, metres and m².
+
+    aside : radii that its crown, where it is widest, stands aside of its stem, along x.
+    """
 
     dbh: float
     height: float
     crown_width: float
     crown_base: float
     leaf_area: float
-
-    def row(self) -> np.ndarray:
-        """(5,) in the order of ``TARGETS``."""
-        return np.array(astuple(self))
+    aside: float = 0.0
 
 
 def given_by(targets: Targets | None) -> np.ndarray:
@@ -562,6 +565,18 @@ def draw_dbh(
         told = np.isfinite(given).any(axis=1)
         dbh[told] = draw_diameters(kind, given[told], keyed_uniform(keys[told], "dbh"))
     return dbh
+
+
+def suppressed(dbh: np.ndarray, keys: np.ndarray, share: float) -> np.ndarray:
+    """(N,) diameters, m, of trees with keys (N,), of which this share stand under the canopy.
+
+    Numbers of trees by diameter fall there exponentially, by the same factor from class to class (de Liocourt
+    1898; Meyer 1952, J. For. 50:85), up to a share of the diameter that the tree had in the canopy.
+    """
+    most = np.maximum(THICKEST * dbh, THINNEST)
+    falls = -np.expm1((THINNEST - most) / FALL)
+    thin = THINNEST - FALL * np.log1p(-falls * keyed_uniform(keys, "suppressed"))
+    return np.where(keyed_uniform(keys, "understorey") < share, thin, dbh)
 
 
 def one_tree(

@@ -95,13 +95,16 @@ def colonise(
     width: float,
     rng: np.random.Generator,
     scaffold: tuple[Nodes, np.ndarray] | None = None,
+    aside: float = 0.0,
 ) -> Nodes:
     """The axes of a tree whose crown reaches from ``base`` to ``height`` and is ``width`` wide, metres.
 
-    scaffold : its stem and limbs, and which of their nodes (N,) bear branches; None: a stem alone.
+    aside : radii that its middle is off the stem, along x. scaffold : its stem and limbs, and which of
+    their nodes (N,) bear branches; None: a stem alone.
     """
     count = round(crown.points / (1 - crown.gaps)) if scaffold else crown.points
     points = _points(crown, (height, base, width), count, rng)
+    points[:, 0] += aside * width / 2 * outline(crown, (points[:, 2] - base) / (height - base))
     span = height - base
     volume = np.pi * (width / 2) ** 2 * span * 0.45
     if scaffold is not None and crown.gaps:
@@ -228,10 +231,12 @@ def scaffold_of(
     crown: Crown,
     size: tuple[float, float, float, float],
     rng: np.random.Generator,
+    aside: float = 0.0,
 ) -> tuple[Nodes, np.ndarray]:
     """Nodes of stem and limbs, and (N,) bool, those that branches may grow from.
 
-    size : height, height of the crown's base, its width, diameter at breast height, metres.
+    size : height, height of the crown's base, its width, diameter at breast height, metres. aside : as
+    ``colonise`` takes it; limbs on that side are longer, so that circles about the stem stay circles.
     """
     height, base, width, _ = size
     heavy = (
@@ -272,7 +277,9 @@ def scaffold_of(
     if heavy:
         bearing &= (number % EVERY == 0) | ~np.isin(number, on)
     bearing[len(stem) - 1] = True
-    return Nodes(np.concatenate(place), on, trunk), bearing
+    node = np.concatenate(place)
+    node[:, 0] += aside * np.hypot(node[:, 0], node[:, 1])
+    return Nodes(node, on, trunk), bearing
 
 
 def _whorled(plan: Architecture, height: float, base: float, rng: np.random.Generator) -> _Limbs:

@@ -12,7 +12,7 @@ from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import DEAD, LEAF
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library import find_species, load_species
-from forest_addon.growth.measured.allometry import Wanted, dbh_of
+from forest_addon.growth.measured.allometry import Wanted, dbh_of, width_of
 from forest_addon.growth.measured.curves import TAPER, TIGHT, curved
 from forest_addon.growth.measured.meet import grow_crown
 from forest_addon.growth.mesh.blades import shoot_of
@@ -270,6 +270,20 @@ def test_a_crown_in_the_shade_hides_most_of_the_circle_that_it_spans(name, wante
     away = np.linalg.norm(sites.foot[:, :2], axis=1) / radius
     cells = np.unique(np.floor(16 * sites.foot[(away > 0.6) & (away < 0.85), :2]), axis=0)
     assert len(cells) / 16**2 > 0.85 * np.pi * (0.85**2 - 0.6**2) * radius**2
+
+
+@pytest.mark.parametrize(
+    "wanted", [("european-beech", 0.15, 14.0, 4.6), ("scots-pine", 0.2, 16.0, 3.2)]
+)
+def test_a_crown_stands_aside_of_an_upright_stem(wanted):
+    name, dbh, height, width = wanted
+    tree = tree_of(name, Wanted(dbh, height, width, 6.0, 30.0, aside=0.4))
+    low, high = np.quantile(tree.leaves.centre[:, :2], [0.02, 0.98], axis=0)
+    assert (low + high)[0] / width == pytest.approx(0.32, abs=0.12)  # of the outermost leaves
+    assert abs((low + high)[1]) / width < 0.2
+    assert width_of(tree.leaves.centre) == pytest.approx(width, rel=0.05)
+    stem = tree.skeleton.end[tree.skeleton.order == 0]
+    assert np.abs(stem[stem[:, 2] < 3.0, :2]).max() < 0.3
 
 
 @pytest.mark.medium
