@@ -95,7 +95,7 @@ if TYPE_CHECKING:
     from .given import instrument, instruments, save_pattern, trajectory
     from .results import Echoes, PointCloud, Response, Result, RowScan, crowns
     from .site import Site, build, current, read
-    from .tiles import TiledScan, Tiling
+    from .tiles import Tile, TiledScan, Tiling
     from .world import World
 
 _LATER = {  # all but settings, imported when it is asked for
@@ -104,7 +104,7 @@ _LATER = {  # all but settings, imported when it is asked for
         ("Echoes", "PointCloud", "Response", "Result", "RowScan", "crowns"), ".results"
     ),
     **dict.fromkeys(("Site", "build", "current", "read"), ".site"),
-    **dict.fromkeys(("TiledScan", "Tiling"), ".tiles"),
+    **dict.fromkeys(("Tile", "TiledScan", "Tiling"), ".tiles"),
     "World": ".world",
     "Audit": "..sensing.audit",
     "Canopy": "..sensing.canopy",
@@ -226,6 +226,7 @@ __all__ = [
     "Template",
     "Terrain",
     "Terrestrial",
+    "Tile",
     "TiledScan",
     "Tiles",
     "Tiling",

@@ -59,6 +59,17 @@ if TYPE_CHECKING:
 PARTS = "parts"
 
 
+@dataclass(frozen=True)
+class Tile:
+    """A tile: its number and name (column-row), corners (2,) m, and how many trees are its own."""
+
+    number: int
+    name: str
+    low: np.ndarray
+    high: np.ndarray
+    trees: int
+
+
 @dataclass(frozen=True, eq=False)
 class Tiling:
     """A forest that is planned, and built tile by tile.
@@ -69,8 +80,8 @@ class Tiling:
     >>> bush = forest.Planting(species="hazelnut", variants=1, expected=9, exact=True)
     >>> scene = forest.Scene(seed=1, plantings=(bush,), tiles=forest.Tiles(size=15, buffer=5))
     >>> tiling = forest.Tiling.of(scene)
-    >>> len(tiling.grid), tiling.forest.in_tile.sum()
-    (4, np.int64(9))
+    >>> len(tiling.tiles), sum(tile.trees for tile in tiling.tiles)
+    (4, 9)
     """
 
     site: Site
@@ -99,6 +110,15 @@ class Tiling:
     def scene(self) -> Scene:
         """Return its settings."""
         return self.site.scene
+
+    @property
+    def tiles(self) -> tuple[Tile, ...]:
+        """Tiles, row by row from the field's corner."""
+        low, high = self.grid.corners(np.arange(len(self.grid)))
+        return tuple(
+            Tile(number, self.grid.name(number), low[number], high[number], count)
+            for number, count in enumerate(self.forest.in_tile.tolist())
+        )
 
     def build(self, tile: int, buffer: float | None = None) -> World:
         """Put a tile's trees into Blender with those whose crowns reach within its buffer.

@@ -123,11 +123,11 @@ def _bat(
     through = state.velocity - wind
     cos, sin = np.cos(state.heading), np.sin(state.heading)
     speed = through[:, 0] * cos + through[:, 1] * sin
-    speed = (speed + action[:, 2] * (most * dt)).clip(flight.slowest, flight.speed)
+    speed = np.clip(speed + action[:, 2] * (most * dt), flight.slowest, flight.speed)
     turn = np.minimum(np.deg2rad(flight.turn_rate_deg), most / np.maximum(speed, 1e-9))
     heading = wrapped(state.heading + action[:, 0] * turn * dt)
     wanted = action[:, 1] * flight.climb
-    rise = through[:, 2] + (wanted - through[:, 2]).clip(-most * dt, most * dt)
+    rise = through[:, 2] + np.clip(wanted - through[:, 2], -most * dt, most * dt)
     velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading), rise], axis=1)
     return _straight(flight, state, velocity, heading, wind)
 

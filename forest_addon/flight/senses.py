@@ -17,7 +17,6 @@ import numpy as np
 from scipy import fft
 from scipy.spatial.transform import Rotation
 
-from ..base.attitudes import composed
 from ..base.rng import stream
 from ..sensing.lidar.pattern import Sweep
 from ..sensing.lidar.scan import Scan
@@ -135,9 +134,8 @@ class LidarSense:
                     for row, seed in enumerate(seeds)
                 ]
             )
-        turn = composed(attitude, self._sweep.mount).as_matrix()[:, None]
-        x, y, z = self.ways.T[:, :, None]
-        ways = (turn[..., 0] * x + turn[..., 1] * y + turn[..., 2] * z).reshape(-1, 3)
+        turn = (attitude * self._sweep.mount).as_matrix()
+        ways = np.einsum("njk,rk->nrj", turn, self.ways).reshape(-1, 3)
         origins = np.repeat(state.position, self.rays, axis=0)
         most = self.scanner.max_range
         when = {}

@@ -145,7 +145,7 @@ class Output(Settings):
     leaves: bool = param(True, help="write leaves.npz, the truth of every leaf")
     report: bool = param(True, help="write report.html")
     blend: bool = param(True, help="write forest.blend")
-    glb: bool = param(False, help="write forest.glb, for other programs")
+    glb: bool = param(True, help="write forest.glb, for other programs")
     usd: bool = param(False, help="write forest.usdc, Universal Scene Description")
     qsm: bool = param(
         False,

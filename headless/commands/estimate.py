@@ -298,7 +298,8 @@ def _window(words: Sequence[str]) -> Window:
 def _field(window: Window) -> Forest:
     corners = [tuple(tuple(map(float, corner)) for corner in ring) for ring in window.rings]
     polygon = {} if window.is_rectangle else {"polygon": corners[0], "holes": tuple(corners[1:])}
-    origin, size = (tuple(side.round(6).tolist()) for side in (window.low, window.extent))
+    low, high = np.floor(1e6 * window.low) / 1e6, np.ceil(1e6 * window.high) / 1e6
+    origin, size = (tuple(side.round(6).tolist()) for side in (low, high - low))
     return Forest(origin=origin, size=size, **polygon)
 
 

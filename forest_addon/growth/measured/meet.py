@@ -95,7 +95,9 @@ def grow_crown(
     if crown.dome:  # its widest place moves up as its tree grows old
         age = np.clip((wanted.dbh - YOUNG) / (OLD - YOUNG), 0.0, 1.0)
         widest = float(np.clip(crown.widest + crown.dome * age, 0.0, 0.9))
-        young = min(wanted.dbh / YOUNG, 1.0)  # below, it is the more pointed, and widest the lower
+        plan, young = species.architecture, 1.0
+        if plan is not None and plan.fork < 1:  # before it divides, it is pointed and widest low
+            young = min(wanted.dbh / YOUNG, 1.0)
         top = young * crown.top + (1 - young) * POINTED
         crown = crown.changed(widest=young * widest, top=top)
     tree = np.array([key], np.uint64)
