@@ -116,11 +116,11 @@ def with_targets(
     wanted, variant, scale = wanted.copy(), stand.variant.copy(), stand.scale.copy()
     site = ndtri(keyed_uniform(child_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
     site *= np.sqrt(1 - np.array([0.0, WIDTH, BASE, 0.0]) ** 2)  # without what is competition's
-    found = _scores(stand, groups)
+    competition = _scores(stand, groups)
     for group in groups:
         rows, law = group.rows, group.law
         laws[group.number] = law
-        uniform = competed(group.uniform, found[rows])
+        uniform = competed(group.uniform, competition[rows])
         where = f"plantings[{group.number}]"
         wanted[rows] = drawn(law, group.dbh, group.given, uniform, where, site)
     for rows, free in _free(wanted, groups, 1):
@@ -135,13 +135,15 @@ def with_targets(
         grows[group.rows] = species[group.number][0].crown is not None and not told
     grows &= stand.number >= 0
     canopy = canopy_of(wanted[rows, 0])
-    lean[rows] = aside(stand.position[rows, :2], *wanted[rows, 1:3].T, canopy)
+    height, width = wanted[rows, 1:3].T
+    lean[rows] = aside(stand.position[rows, :2], height, width, canopy)
     lean *= grows[:, None]
     off = np.linalg.norm(lean, axis=1)
     rotation[off > 0] = azimuth_of(lean[off > 0])
     for rows, free in _free(wanted, groups, 1):
         place = stand.position[rows, :2] + lean[rows] * wanted[rows, 2:3] / 2
-        wanted[rows, 2] = filled(place, *wanted[rows, 1:3].T, free)
+        height, width = wanted[rows, 1:3].T
+        wanted[rows, 2] = filled(place, height, width, free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)
@@ -159,7 +161,7 @@ def with_targets(
         variant[rows], scale[rows] = label, 1.0
         models = wanted[rows[chosen]]
         for k, row in enumerate(rows[chosen].tolist()):
-            variants[number, k] = Wanted(*wanted[row].tolist(), aside=float(off[row]))
+            variants[number, k] = Wanted(*wanted[row].tolist(), float(off[row]))
         rows = np.flatnonzero((stand.species == number) & (stand.number < 0))
         if len(rows):
             asked = told_of(plantings[number], stand.number[rows], "variant")
@@ -511,12 +513,12 @@ def score(
 
     Young trees, not of the canopy (N,) bool, suffer from it and take nothing from it.
     """
-    found = np.zeros(len(place))
-    found[canopy] = cover(place[canopy], height[canopy], width[canopy])
+    logarithm = np.zeros(len(place))
+    logarithm[canopy] = cover(place[canopy], height[canopy], width[canopy])
     if not canopy.all():
-        found[~canopy] = cover(place, height, width)[~canopy]
-    found = np.log(np.maximum(found, 1e-3) / CLOSED) / SPREAD
-    return np.asarray(np.clip(found, -MOST, MOST))
+        logarithm[~canopy] = cover(place, height, width)[~canopy]
+    logarithm = np.log(np.maximum(logarithm, 1e-3) / CLOSED) / SPREAD
+    return np.asarray(np.clip(logarithm, -MOST, MOST))
 
 
 def competed(uniform: np.ndarray, found: np.ndarray) -> np.ndarray:
@@ -733,7 +735,7 @@ def targets_met(
 
 
 def sentences(met: TargetsMet) -> Iterator[str]:
-    """Return what could not be, by measure."""
+    """Sentences on what could not be, by measure."""
     missed = ~met.reached
     for column, name in enumerate(TARGETS):
         count = int(missed[:, column].sum())
