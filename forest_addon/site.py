@@ -119,7 +119,7 @@ class ForestSite:
         return self.inputs.ground(self.scene.forest.terrain.base)
 
     def plan(self) -> Stand:
-        """Return where trees stand, before any has grown: sizes and variants of trees with targets come
+        """Plan of where trees stand, before any has grown: sizes and variants of trees with targets come
         later."""
         scene = self.scene
         return plan_stand(scene.seed, scene.forest, scene.plantings, self.inputs)

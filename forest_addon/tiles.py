@@ -316,7 +316,7 @@ class TiledForest:
 
     @cached_property
     def digest(self) -> str:
-        """Return what decides what rays meet in the forest, in one number."""
+        """Digest of all that decides what rays meet in the forest."""
         total = _decided(self.plan.scene)
         for rows in blocks(len(self)):
             stand = self.stand(rows)

@@ -227,7 +227,7 @@ class _Completion(argparse.Action):
 
 
 def _path(word: str) -> Path:
-    """Return what a word names; an empty one is a variable that was not set, not this folder."""
+    """Path that a word names; an empty one is a variable that was not set, not this folder."""
     if not word.strip():
         raise argparse.ArgumentTypeError("is empty; name a file or folder, or . for this one")
     return Path(word)
@@ -251,7 +251,7 @@ def _fail(problem: object, code: int) -> int:
 
 
 def _missing(problem: ModuleNotFoundError, name: str) -> str:
-    """Return what to say of a package that is not installed, to a command of this name."""
+    """Sentence on a package that is not installed, to a command of this name."""
     from .report import DRAWERS, without
 
     package = (problem.name or "").split(".")[0]

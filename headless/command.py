@@ -73,7 +73,7 @@ def is_told(problem: ValueError) -> bool:
 
 
 def fault_of(problem: BaseException) -> str:
-    """Return what went wrong in the program itself, and where."""
+    """Sentence on what went wrong in the program itself, and where."""
     ours = [step for step in _steps_of_ours(problem) if step]
     place = f" ({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
     what = " ".join(str(problem).split())[:LONGEST]
@@ -112,7 +112,7 @@ class Command:
     maker: str = ""
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        """Return where results go, of a command that has ``--out``: what was asked for, or the default."""
+        """Folder of results, of a command that has ``--out``: what was asked for, or the default."""
         if callable(self.default):
             return self.default(chosen)
         return chosen.out or Path("out") / self.default.format(name_of(chosen.scene))
@@ -134,7 +134,7 @@ class Command:
         return self.whole and not goes_on
 
     def left(self, chosen: argparse.Namespace) -> str:
-        """Return what an interrupted command says of the files that it leaves."""
+        """Sentence of an interrupted command on the files that it leaves."""
         if "out" not in chosen:
             return "nothing was written"
         return (self.kept(chosen) if callable(self.kept) else self.kept).format(chosen.out)
@@ -178,7 +178,7 @@ def sound_file(words: str) -> Path:
 
 
 def name_of(scene: Path) -> str:
-    """Return what results of a scene file are called: its own name; of one that many have, with its
+    """Name of a scene file's results: its own; of one that many have, with its
     folder's."""
     if scene.stem in ("scene", "site"):
         return f"{scene.resolve().parent.name}-{scene.stem}"
@@ -213,7 +213,7 @@ def read_scene(path: Path, seed: int | None, dry: str = "") -> Scene:
 
 
 def species_of_map(names: Sequence[str], words: Sequence[str], folder: Path) -> dict[str, str]:
-    """Return which species to plant for each name of a map of trees, "" where it says none.
+    """Species to plant for each name of a map of trees, "" where it says none.
 
     words : NAME=PRESET, or PRESET alone for all. folder : of the scene, which paths of files start from.
 

@@ -25,7 +25,7 @@ def load_package(name: str) -> None:
 
 
 def missing_packages() -> list[str]:
-    """Return what this Python lacks of what a run imports."""
+    """Packages that a run imports and this Python lacks."""
     wanted = ("numpy", "scipy", "cattrs", "laspy", "lazrs", "tqdm")
     return [name for name in wanted if importlib.util.find_spec(name) is None]
 

@@ -106,7 +106,7 @@ class Run:
     targets: dict[str, Any] = field(default_factory=dict)  # by planting
 
     def path(self, name: str) -> Path:
-        """Return where a file of this name goes; it is listed in the report."""
+        """Path of a file of this name; it is listed in the report."""
         self.files.append(name)
         return self.out / name
 
@@ -483,16 +483,16 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
 
     with run.stages.stage("test where trees stand"):
         window, law = window_of(settings.forest), law_of_scene(settings, inputs)
-        found = examine(poisson_trees(settings, stand), window, law)
-        if found is None:  # too few trees
+        goodness = examine(poisson_trees(settings, stand), window, law)
+        if goodness is None:  # too few trees
             return
         picture = None
         if wanted.pictures and can_draw():
             from forest_addon.drawing.figures import save_figure
             from forest_addon.drawing.stands import draw_goodness
 
-            picture = save_figure(draw_goodness(found, window), run.path("goodness.png"))
-        run.findings.append(page.goodness_finding(found, picture))
+            picture = save_figure(draw_goodness(goodness, window), run.path("goodness.png"))
+        run.findings.append(page.goodness_finding(goodness, picture))
 
 
 def _say_what_is_lacking(run: Run) -> None:

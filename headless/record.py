@@ -25,7 +25,7 @@ from .report import page
 
 
 def facts_of(world: World) -> dict[str, Any]:
-    """Return what run.json says of the evaluated scene: its size, the engine of its rays, what was chosen
+    """Entry of the evaluated scene in run.json: its size, the engine of its rays, what was chosen
     for it."""
     observer = world.observer
     geometry = observer.geometry

@@ -467,19 +467,19 @@ def _on_one_clock(flown: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 def _lines_by(flown: np.ndarray, cloud: FlownCloud) -> dict[int, FlightLine]:
     """Flight lines on a given trajectory (K, 7): its poses while each line was flown."""
-    found = {}
+    lines = {}
     for number in np.unique(cloud.line).tolist():
         when = cloud.time[cloud.line == number]
         some = _during(flown, float(when.min()), float(when.max()))
         if len(some) > 1:
-            found[number] = FlightLine(number, some[:, 0], some[:, 1:4], len(when), 0.0)
-    if not found:
+            lines[number] = FlightLine(number, some[:, 0], some[:, 1:4], len(when), 0.0)
+    if not lines:
         raise SpecError(
             "--trajectory",
             f"goes from {flown[0, 0]:.3f} to {flown[-1, 0]:.3f} s, the cloud from {cloud.time.min():.3f} to "
             f"{cloud.time.max():.3f} s; give both the same clock",
         )
-    return found
+    return lines
 
 
 def _during(flown: np.ndarray, start: float, stop: float) -> np.ndarray:

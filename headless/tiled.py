@@ -88,7 +88,7 @@ class TiledRun:
         return self.folder / f"{name}.done.json"
 
     def digest(self, sensor: Any) -> str:
-        """Return what decides a sensor's result."""
+        """Digest of what decides a sensor's result."""
         said = json.dumps(
             [self.tiling.forest.digest, dataclasses.asdict(sensor), self.tiling.scene.tiles.files],
             sort_keys=True,

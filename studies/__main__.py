@@ -88,8 +88,8 @@ def _study(chosen: argparse.Namespace) -> None:
 
         if data is None:
             raise SpecError("--data", "is needed: the measurements, with wood/ in it")
-        found = run_ablations(data, out, plots, chosen.seeds, chosen.seed)
-        part = ablation_subject(found, out)
+        scores = run_ablations(data, out, plots, chosen.seeds, chosen.seed)
+        part = ablation_subject(scores, out)
     else:
         from .sim_to_real.tasks import run_tasks, task_subject
 

@@ -20,11 +20,11 @@ def turned(
 ) -> np.ndarray:
     """(N, 3, 4) transforms to places (N, 2) m, turned (N,) radians about the vertical, scaled across and
     upwards."""
-    found = np.tile(np.eye(3, 4), (len(place), 1, 1))
-    found[:, 0, 0] = found[:, 1, 1] = wide * np.cos(turn)
-    found[:, 1, 0], found[:, 0, 1] = wide * np.sin(turn), -wide * np.sin(turn)
-    found[:, 2, 2], found[:, :2, 3] = tall, place
-    return found
+    transforms = np.tile(np.eye(3, 4), (len(place), 1, 1))
+    transforms[:, 0, 0] = transforms[:, 1, 1] = wide * np.cos(turn)
+    transforms[:, 1, 0], transforms[:, 0, 1] = wide * np.sin(turn), -wide * np.sin(turn)
+    transforms[:, 2, 2], transforms[:, :2, 3] = tall, place
+    return transforms
 
 
 def level_ground(half: float) -> TriMesh:

@@ -23,7 +23,7 @@ def median_seconds(work: Callable[[], object], runs: int = 3) -> float:
 
 
 def timed(work: Callable[..., Any], *given: Any, **named: Any) -> tuple[Any, float]:
-    """Return what work returns of its arguments, and the CPU seconds of all threads that it took."""
+    """Result of work on its arguments, and the CPU seconds of all threads that it took."""
     start = time.process_time()
     found = work(*given, **named)
     return found, time.process_time() - start

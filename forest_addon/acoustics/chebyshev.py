@@ -23,22 +23,22 @@ def points(count: int) -> np.ndarray:
 def coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     """Chebyshev coefficients of values (..., R, ...) at the points, along an axis."""
     count = values.shape[axis]
-    found: np.ndarray = fft.dct(np.flip(values, axis), type=2, axis=axis) / count
-    found[(slice(None),) * axis + (0,)] *= 0.5
-    return found
+    series: np.ndarray = fft.dct(np.flip(values, axis), type=2, axis=axis) / count
+    series[(slice(None),) * axis + (0,)] *= 0.5
+    return series
 
 
 def polynomials(x: np.ndarray, count: int) -> np.ndarray:
     """(count, N) Chebyshev polynomials at x (N,)."""
-    found = np.empty((count, len(x)))
-    found[0] = 1.0
+    values = np.empty((count, len(x)))
+    values[0] = 1.0
     if count > 1:
-        found[1] = x
+        values[1] = x
     twice = 2.0 * x
     for n in range(2, count):
-        np.multiply(twice, found[n - 1], out=found[n])
-        found[n] -= found[n - 2]
-    return found
+        np.multiply(twice, values[n - 1], out=values[n])
+        values[n] -= values[n - 2]
+    return values
 
 
 def lagrange(count: int, place: np.ndarray) -> np.ndarray:

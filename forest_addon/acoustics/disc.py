@@ -90,27 +90,27 @@ def disc_amplitudes(
     if library is None or model not in MODELS:
         k = wavenumber[:, None]
         turn = np.exp(1j * later * k * radius)
-        found = backscatter_amplitude(k * radius, incidence, model) * turn * (factor / k)
+        amplitudes = backscatter_amplitude(k * radius, incidence, model) * turn * (factor / k)
         some = np.flatnonzero(0 if side is None else side)
         if side is not None and len(some):
-            found[:, some] = factor[some] * _rims(k, radius[some], incidence[some], side[some])
-        return np.asarray(found)
-    found = np.empty((len(wavenumber), len(radius)), np.complex128)
+            amplitudes[:, some] = factor[some] * _rims(k, radius[some], incidence[some], side[some])
+        return np.asarray(amplitudes)
+    amplitudes = np.empty((len(wavenumber), len(radius)), np.complex128)
     given = (len(wavenumber), wavenumber, len(radius), radius, incidence, factor)
     if model == "paper":
-        library.paper_discs(*given, *_paper_phasors().given, found)
+        library.paper_discs(*given, *_paper_phasors().given, amplitudes)
     elif model == "piston":
         side = np.zeros(len(radius), np.int8) if side is None else side
-        library.piston_discs(*given, side, *_hankel().given[2:], found)
+        library.piston_discs(*given, side, *_hankel().given[2:], amplitudes)
     else:
         late = np.full(len(radius), later)
-        tabulated_by_kernel(library, *given, late, found)
+        tabulated_by_kernel(library, *given, late, amplitudes)
         large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
         if len(large):
             size, some = wavenumber[:, None] * radius[large], incidence[large]
             turn = np.exp(1j * late[large] * size) * (factor[large] / wavenumber[:, None])
-            found[:, large] = _exact(size, some) * turn
-    return found
+            amplitudes[:, large] = _exact(size, some) * turn
+    return amplitudes
 
 
 def _rims(k: np.ndarray, radius: np.ndarray, angle: np.ndarray, side: np.ndarray) -> np.ndarray:

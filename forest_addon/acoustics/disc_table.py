@@ -46,7 +46,7 @@ def tabulated_ka() -> np.ndarray:
 
 
 def level(ka: np.ndarray) -> np.ndarray:
-    """Return what k·f is divided by in the table."""
+    """Divisor of k·f in the table."""
     square = ka * ka
     return square * ka / np.sqrt(4.0 + square)
 
@@ -126,7 +126,7 @@ def _by_incidence() -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _version() -> str:
-    """Return what the tables depend on: this file, its data, and what computes them."""
+    """Digest of what the tables depend on: this file, its data, and what computes them."""
     import scipy
 
     total = blake2b(Path(__file__).read_bytes(), digest_size=8)

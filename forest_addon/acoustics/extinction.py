@@ -44,7 +44,7 @@ class CrossSections:
 def cross_sections(ka: np.ndarray, bark: float = 0.0) -> CrossSections:
     """Cross-sections of trunks of sizes ka (K,), above 0. bark : share that it absorbs of a wave head on."""
     order = np.argsort(ka, kind="stable")
-    found = np.empty((3, len(ka)))
+    sections = np.empty((3, len(ka)))
     for rows in np.array_split(order, max(1, len(ka) // 64)):
         if len(rows) == 0:
             continue
@@ -52,8 +52,8 @@ def cross_sections(ka: np.ndarray, bark: float = 0.0) -> CrossSections:
         waves = partial_waves(size, order_count(float(size.max())), bark)
         weight = np.full((len(waves), 1), 2.0)
         weight[0] = 1.0
-        found[0, rows] = 4.0 / size * (weight * waves.imag).sum(axis=0)
-        found[1, rows] = 4.0 / size * (weight * np.abs(waves) ** 2).sum(axis=0)
+        sections[0, rows] = 4.0 / size * (weight * waves.imag).sum(axis=0)
+        sections[1, rows] = 4.0 / size * (weight * np.abs(waves) ** 2).sum(axis=0)
         forward = 8.0 / size * (waves[:-1] * waves[1:].conj()).real.sum(axis=0)
-        found[2, rows] = found[1, rows] - forward
-    return CrossSections(*found)
+        sections[2, rows] = sections[1, rows] - forward
+    return CrossSections(*sections)

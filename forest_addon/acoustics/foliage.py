@@ -89,9 +89,9 @@ def shoot_width(
     angle = math.pi * (np.arange(angles) + 0.5) / angles
     solid = -2.0 * math.pi * np.diff(np.cos(np.linspace(0.0, math.pi, angles + 1)))
     turned = 2.0 * wavenumber * np.sin(0.5 * angle)
-    found = (
+    phase_function = (
         np.square(-1.0 + PUSHED * np.cos(angle)) * (1.0 + np.square(turned * spread) / 6.0) ** -2
     )
-    whole = float(found @ solid)
+    whole = float(phase_function @ solid)
     strength = wavenumber**2 * radius / (4.0 * math.pi)  # k²V/4π over the area
-    return strength**2 * area * whole, found / whole
+    return strength**2 * area * whole, phase_function / whole

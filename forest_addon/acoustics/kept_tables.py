@@ -25,7 +25,7 @@ SUM = 4  # bytes of CRC-32, before the array
 
 
 def cache_folder() -> Path | None:
-    """Return where tables are kept, None where none are."""
+    """Folder in which tables are kept, None where none are."""
     said = os.environ.get(VARIABLE)
     if said is not None:
         return None if said.strip().lower() in NONE else Path(said).expanduser().absolute()
@@ -51,11 +51,11 @@ def kept_table(name: str, version: str, make: Callable[[], np.ndarray]) -> np.nd
     if folder is None:
         return make()
     path = folder / f"{name}-{version}.table"
-    found = _read(path)
-    if found is None:
-        found = make()
-        _write(path, found)
-    return found
+    table = _read(path)
+    if table is None:
+        table = make()
+        _write(path, table)
+    return table
 
 
 def _read(path: Path) -> np.ndarray | None:

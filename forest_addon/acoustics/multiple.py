@@ -165,9 +165,9 @@ class _System:
             return alone
         matrix = self._coupling()
         if len(matrix) > direct_up_to:
-            found, failed = gmres(matrix, alone, rtol=RESIDUAL, restart=100, maxiter=20)
+            coupled, failed = gmres(matrix, alone, rtol=RESIDUAL, restart=100, maxiter=20)
             if not failed:
-                return found
+                return coupled
         return solve(matrix, alone, overwrite_a=True, check_finite=False)
 
     def _coupling(self) -> np.ndarray:

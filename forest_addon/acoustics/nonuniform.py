@@ -124,9 +124,9 @@ def sum_delayed(
                 task.direct(rows)
             else:
                 task.interpolate(rows, nodes, width)
-        found = task.result(kernel, error, scattered, UNSEEN * tolerance)
-        if found.error <= tolerance or (task.alike <= alike and task.even <= even):
-            return found
+        delayed_sum = task.result(kernel, error, scattered, UNSEEN * tolerance)
+        if delayed_sum.error <= tolerance or (task.alike <= alike and task.even <= even):
+            return delayed_sum
         alike, even = max(alike, task.alike), max(even, task.even)
         task = _Task(*given)
 

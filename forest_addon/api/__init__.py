@@ -136,7 +136,7 @@ _LATER = {  # all but settings, imported when it is asked for
 
 
 def __getattr__(name: str) -> Any:
-    """Return what is of ``_LATER``."""
+    """Names of ``_LATER``."""
     if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_LATER[name], __name__), name)

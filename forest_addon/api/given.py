@@ -76,15 +76,15 @@ def points_of(key: str, points: Any, one: bool = False) -> np.ndarray:
     """
     shape = "(3,)" if one else "(N, 3)"
     try:
-        found = np.asarray(points, dtype=np.float64)
+        array = np.asarray(points, dtype=np.float64)
     except (TypeError, ValueError):
         raise SpecError(key, f"takes an array {shape} of metres, not {called(points)}") from None
-    fits = found.shape == (3,) if one else found.size > 0 and found.shape[-1:] == (3,)
-    if not fits or found.ndim > 2:
-        raise SpecError(key, f"takes an array {shape} of metres, not one of shape {found.shape}")
-    if not np.isfinite(found).all():
+    fits = array.shape == (3,) if one else array.size > 0 and array.shape[-1:] == (3,)
+    if not fits or array.ndim > 2:
+        raise SpecError(key, f"takes an array {shape} of metres, not one of shape {array.shape}")
+    if not np.isfinite(array).all():
         raise SpecError(key, "has a coordinate that is not finite; correct or remove it")
-    return found
+    return array
 
 
 def progress_of(progress: Any) -> Any:
@@ -99,14 +99,14 @@ def progress_of(progress: Any) -> Any:
     return progress
 
 
-def called(thing: Any) -> str:
-    """Return what was handed over instead, in words."""
-    shape = getattr(thing, "shape", None)
-    name = type(thing).__name__
+def called(obj: Any) -> str:
+    """Words for what was handed over instead."""
+    shape = getattr(obj, "shape", None)
+    name = type(obj).__name__
     article = "an" if name[:1].lower() in "aeiou" else "a"
-    if thing is None:
+    if obj is None:
         return "None"
-    if isinstance(thing, Settings):
+    if isinstance(obj, Settings):
         return f"{article} {name}"
     return f"{article} {name}" + (f" of shape {shape}" if shape is not None else "")
 
@@ -279,7 +279,7 @@ def trajectory(
 
 
 def way_of(observer: Observer, sensor: Sensor, along: Any, folder: Path) -> Any:
-    """Return where a sensor goes: along what was handed over, or as its settings say.
+    """Path of a sensor: what was handed over, or as its settings say.
 
     Raises
     ------

@@ -289,10 +289,10 @@ class PointCloud(Result):
     def motion(self) -> dict[str, np.ndarray]:
         """Motion of what was met, (P, 3) each: ``velocity``, m/s, and ``rest``, metres, where that point is
         when the scene stands as at the present frame; empty for a still scene."""
-        found = self.found
-        if found.velocity is None or found.rest is None:
+        scanned = self.found
+        if scanned.velocity is None or scanned.rest is None:
             return {}
-        return {"velocity": found.velocity, "rest": found.rest}
+        return {"velocity": scanned.velocity, "rest": scanned.rest}
 
     @property
     def endings(self) -> tuple[str, ...]:

@@ -71,7 +71,7 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
 
 
 def current(scene: Scene | None = None) -> World:
-    """Return what stands in Blender now, forest or not, as a world.
+    """World of what stands in Blender now, forest or not.
 
     scene : air, seed and rays to use; left out: those of an empty scene file.
 

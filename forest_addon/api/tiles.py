@@ -207,7 +207,7 @@ class Tiling:
         return self.forest.within(reach, np.asarray(places))
 
     def way(self, sensor: Sensor, along: Trajectory | None = None) -> Trajectory | None:
-        """Return where a moving sensor goes."""
+        """Path of a moving sensor."""
         from ..blender.sensors.observe import Observer
 
         return way_of(Observer, choose(sensor)[0], along, self.site.folder)
@@ -236,7 +236,7 @@ class Tiling:
         return len(self.forest) > MANY if chosen == "auto" else chosen == "points"
 
     def _crowd(self, geometry: SceneGeometry) -> tuple[int, ...]:
-        """Return how many instances each mesh of a tile's scene has in the whole."""
+        """Number of instances that each mesh of a tile's scene has in the whole."""
         many = np.bincount(geometry.mesh_index, minlength=len(geometry.meshes))
         trees = np.flatnonzero(geometry.tree >= 0)
         meshes, first = np.unique(geometry.mesh_index[trees], return_index=True)
@@ -364,7 +364,7 @@ class TiledScan:
 
     @property
     def followed(self) -> str:
-        """Return how many pulses leave the buffer, and how far, in a sentence; "" of none."""
+        """Sentence on how many pulses leave the buffer, and how far; "" of none."""
         pulses = self.pulses
         if not pulses.followed:
             return ""
@@ -418,15 +418,15 @@ class TiledScan:
         cells = TileGrid.of(tiling.scene.forest, tiling.grid.size / cuts)
         pulses = self.pattern.pulses(number)
         cell, excess = belongs(self.sensor, pulses, cells, tiling.forest.bounds)
-        found = []
+        looks = []
         for one in np.unique(cell).tolist():
-            mine = cell == one
+            in_cell = cell == one
             low, high = cells.corners(np.array(one))
-            wide = float(excess[mine].max())
+            wide = float(excess[in_cell].max())
             world = tiling.world_of(tiling.forest.near(low - wide, high + wide))
-            found += list(self._look([number[mine]], world))
-        rows = np.concatenate([rows for _, rows, _ in found])
-        lost = sorted((one for _, _, some in found for one in some), key=lambda one: one.first)
+            looks += list(self._look([number[in_cell]], world))
+        rows = np.concatenate([rows for _, rows, _ in looks])
+        lost = sorted((one for _, _, some in looks for one in some), key=lambda one: one.first)
         yield len(number), rows[np.argsort(rows["pulse"], kind="stable")], lost
 
     def _look(

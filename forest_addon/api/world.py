@@ -234,7 +234,7 @@ class World:
         return self._expect(sensor, "sonar", "ping", progress, along)
 
     def impulse_response(self, sensor: Reverb, progress: Progress | None = None) -> Response:
-        """Return what receivers hear of sources by way of the trunks, a channel for each pair.
+        """Responses of receivers to sources by way of the trunks, a channel for each pair.
 
         Raises
         ------
@@ -265,14 +265,14 @@ class World:
         try:
             with enough_memory(sensor.name, "take fewer rays, pings or samples"):
                 way = way_of(observer, sensor, along, self.folder)
-                found = observer.observe(sensor, self.scene, progress, self.folder, way)
+                result = observer.observe(sensor, self.scene, progress, self.folder, way)
             seconds = time.perf_counter() - before
-            audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
+            audit = observer.audit(sensor, self.scene, result, seconds, self.folder, way)
             idlers = tuple(
                 f"{sensor.name}: {sentence}" for sentence in idle_in_sensor(sensor, self.folder)
             )
             warnings = (*idlers, *observer.warnings(sensor, way, self.folder))
-            empty = observer.empty(sensor, self.scene, found, self.folder, way)
+            empty = observer.empty(sensor, self.scene, result, self.folder, way)
             warnings = (*warnings, f"{sensor.name}: {empty}") if empty else warnings
         except SpecError:
             raise
@@ -280,8 +280,8 @@ class World:
             raise SpecError(sensor.name, str(problem)) from None
         offset = Offset.of(self.scene)
         ours = [one for one in self.chosen if one.sensor == sensor.name]
-        chosen = (*chosen, *left_out(sensor, found), *ours)
-        return result_of(sensor, found, seconds, audit, offset, chosen, warnings, way)
+        chosen = (*chosen, *left_out(sensor, result), *ours)
+        return result_of(sensor, result, seconds, audit, offset, chosen, warnings, way)
 
     @property
     def observer(self) -> Observer:
@@ -330,12 +330,12 @@ class World:
 
     @property
     def chosen(self) -> tuple[Choice, ...]:
-        """Return what of the forest was left to the scene's sensors, as it was chosen."""
+        """Choices that the forest left to the scene's sensors."""
         return () if self.forest is None else self.forest.chosen
 
     @property
     def audit(self) -> dict[str, Audit]:
-        """Return what grew, held against its truth: "branches" against the cones of their skeletons, "leaves"
+        """Audit of what grew against its truth: "branches" against the cones of their skeletons, "leaves"
         against the triangles in Blender; each as far as the trees have them.
 
         Raises
@@ -383,7 +383,7 @@ class World:
         return cylinders_in_world(*self._standing())
 
     def canopy(self, points: np.ndarray) -> Canopy:
-        """Return what hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share
+        """Readings of hemispherical pictures at points (N, 3): gap fraction by zenith angle, the share
         of open sky and the effective plant area index; ``leaf_area_index`` is the true one.
 
         Raises
@@ -477,7 +477,7 @@ class World:
         return self.look(sensor, progress, along)
 
     def _standing(self) -> tuple[GrownForest | None, PlacedTrees]:
-        """Return what was grown here, and trees of libraries; an error where there is neither."""
+        """Forest that was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
         from ..blender.scene.meshes import has_assets
 

@@ -16,12 +16,12 @@ def composed(first: Rotation, second: Rotation) -> Rotation:
     single, for all of the other."""
     p, q = (np.atleast_2d(one.as_quat()) for one in (first, second))
     (p0, p1, p2, p3), (q0, q1, q2, q3) = p.T, q.T
-    found = np.empty((max(len(p), len(q)), 4))
-    found[:, 0] = p3 * q0 + q3 * p0 + (p1 * q2 - p2 * q1)
-    found[:, 1] = p3 * q1 + q3 * p1 + (p2 * q0 - p0 * q2)
-    found[:, 2] = p3 * q2 + q3 * p2 + (p0 * q1 - p1 * q0)
-    found[:, 3] = p3 * q3 - p0 * q0 - p1 * q1 - p2 * q2
-    return Rotation.from_quat(found)
+    product = np.empty((max(len(p), len(q)), 4))
+    product[:, 0] = p3 * q0 + q3 * p0 + (p1 * q2 - p2 * q1)
+    product[:, 1] = p3 * q1 + q3 * p1 + (p2 * q0 - p0 * q2)
+    product[:, 2] = p3 * q2 + q3 * p2 + (p0 * q1 - p1 * q0)
+    product[:, 3] = p3 * q3 - p0 * q0 - p1 * q1 - p2 * q2
+    return Rotation.from_quat(product)
 
 
 class Turning:

@@ -34,12 +34,14 @@ def shipped(word: str | os.PathLike[str], folder: str, ending: str) -> Path:
     is no such file."""
     given = Path(word)
     if given.parts[:1] == ("assets",):
-        found = ASSETS.joinpath(*given.parts[1:])
+        shipped_file = ASSETS.joinpath(*given.parts[1:])
     elif not given.suffix and len(given.parts) == 1:
-        found = ASSETS / folder / f"{FORMER.get(str(given), given)}{ending}"
+        shipped_file = ASSETS / folder / f"{FORMER.get(str(given), given)}{ending}"
     else:
         return given
-    return found if found.is_file() and (given.is_dir() or not given.exists()) else given
+    return (
+        shipped_file if shipped_file.is_file() and (given.is_dir() or not given.exists()) else given
+    )
 
 
 def environment_of_child(**more: str) -> dict[str, str]:

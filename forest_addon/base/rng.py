@@ -35,14 +35,14 @@ GAP = 64  # draws that cost as much as passing over any number of them
 
 def uniform_at(rows: np.ndarray, seed: int, *key: int | str) -> np.ndarray:
     """(N,) numbers that ``stream(seed, *key).random`` gives as its draws ``rows`` (N,), ascending."""
-    rng, found, done = stream(seed, *key), np.empty(len(rows)), 0
+    rng, numbers, done = stream(seed, *key), np.empty(len(rows)), 0
     ends = [*(np.flatnonzero(np.diff(rows) > GAP) + 1).tolist(), len(rows)] if len(rows) else []
     for begin, end in zip([0, *ends], ends, strict=False):
         first, last = int(rows[begin]), int(rows[end - 1])
         rng.bit_generator.advance(first - done)  # type: ignore[attr-defined]
-        found[begin:end] = rng.random(last - first + 1)[rows[begin:end] - first]
+        numbers[begin:end] = rng.random(last - first + 1)[rows[begin:end] - first]
         done = last + 1
-    return found
+    return numbers
 
 
 def truncated_normal(rng: np.random.Generator, count: int, limit: float = 2.0) -> np.ndarray:

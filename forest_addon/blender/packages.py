@@ -8,7 +8,7 @@ import bpy
 
 
 def to_install(package: str) -> str:
-    """Return what to type: a plain Python knows where; Blender looks beside the add-ons of a user."""
+    """Command to type: a plain Python knows where; Blender looks beside the add-ons of a user."""
     where = ""
     if bpy.app.binary_path:
         folder = bpy.utils.user_resource("SCRIPTS", path="addons")

@@ -104,8 +104,8 @@ def draw_cloud(cloud: Cloud, tripod: Terrestrial | None = None) -> Figure:
     above.set_title("Points from above", pad=22)  # over the legend
     above.set_xlabel("x, m")
     above.set_ylabel("y, m")
-    found = (DEAD,) if (organ == DEAD).any() else ()
-    _organ_legend(above, (WOOD, LEAF, GROUND, *found))
+    dead = (DEAD,) if (organ == DEAD).any() else ()
+    _organ_legend(above, (WOOD, LEAF, GROUND, *dead))
     return figure
 
 

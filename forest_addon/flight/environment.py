@@ -139,7 +139,7 @@ class _Flights:
             self._entered = wanted
 
     def sense(self) -> dict[str, np.ndarray]:
-        """Return what the flyers sense, a row a flyer."""
+        """Observations of the flyers, a row a flyer."""
         return {
             name: values.astype(self.dtype, copy=False)
             for name, values in self.flyers.sense().items()
@@ -147,7 +147,7 @@ class _Flights:
 
     @property
     def surroundings(self) -> FlightSurroundings | StemWorld:
-        """Return where the flyers are."""
+        """Places of the flyers."""
         return self.flyers.world
 
 

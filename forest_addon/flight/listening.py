@@ -151,8 +151,8 @@ def noisy(sound: np.ndarray, snr_db: float, loudness: float, seed: int, number: 
     """An echo (1, S) as a receiver hears it whose noise in the band is ``snr_db`` below a peak of
     ``loudness``, re the call at 1 m."""
     receiver = _receiver(loudness, snr_db)
-    found = receive(receiver, sound, np.zeros((1, 3)), Air().speed(), seed, "listen", number)
-    return found.recorded / found.pressure
+    received = receive(receiver, sound, np.zeros((1, 3)), Air().speed(), seed, "listen", number)
+    return received.recorded / received.pressure
 
 
 def sensed(sound: np.ndarray) -> np.ndarray:

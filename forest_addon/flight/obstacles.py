@@ -77,7 +77,7 @@ class MeshObstacles:
         return centre - extent, centre + extent
 
     def _map(self) -> None:
-        """Return which instances may be within ``REACH`` of each square: a table, padded with their
+        """Instances that may be within ``REACH`` of each square: a table, padded with their
         number."""
         small = self._high[:, :2] - self._low[:, :2]
         self._wide = np.flatnonzero((small > 100.0).any(axis=1))  # a ground: everywhere
@@ -245,8 +245,8 @@ class MeshObstacles:
         if not len(self._mesh):
             return np.inf
         _, corners = self._around(place[None], place[None], most)
-        found = float(distances(place, corners).min(initial=np.inf))
-        return found if found <= most else np.inf
+        nearest = float(distances(place, corners).min(initial=np.inf))
+        return nearest if nearest <= most else np.inf
 
 
 # Obstacles in one mesh: its triangles in cells, and the least distance from all of them to each cell.
@@ -399,7 +399,7 @@ def distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
-    """Return where spheres touch the insides of triangles."""
+    """Shares of ways at which spheres touch the insides of triangles."""
     normal, length = _normals(corners)
     high = np.einsum("ti,ti->t", start - corners[:, 0], normal)
     side = np.sign(high)
@@ -419,7 +419,7 @@ def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarra
 def _edges(
     start: np.ndarray, way: np.ndarray, radius: float, one: np.ndarray, other: np.ndarray
 ) -> np.ndarray:
-    """Return where spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a
+    """Shares at which spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a
     circle."""
     edge, away = other - one, start - one
     square = np.einsum("ti,ti->t", edge, edge)

@@ -67,14 +67,14 @@ SONAR = Sonar(
 
 def lidar_of(scene: Scene) -> Mobile:
     """The scene's first mobile scanner that a flyer can carry, or 64 rays all around."""
-    mine = (s for s in scene.sensors if isinstance(s, Mobile) and not s.follow)
-    return next(mine, LIDAR)
+    scanners = (s for s in scene.sensors if isinstance(s, Mobile) and not s.follow)
+    return next(scanners, LIDAR)
 
 
 def sonar_of(scene: Scene) -> Sonar:
     """The scene's first sonar that stays where it is put, or a bat's."""
-    mine = (s for s in scene.sensors if isinstance(s, Sonar) and not (s.route or s.follow))
-    return next(mine, SONAR)
+    sonars = (s for s in scene.sensors if isinstance(s, Sonar) and not (s.route or s.follow))
+    return next(sonars, SONAR)
 
 
 def degrees(state: State, row: int) -> tuple[float, float, float]:
@@ -142,9 +142,9 @@ class LidarSense:
         if isinstance(around.caster, MovingCaster):
             pulses = np.arange(self.rays) / self.scanner.pulse_rate
             when["time"] = (time[:, None] + pulses).ravel()
-        found = around.caster.cast(origins, ways, most, **when).distance
-        found[~((found >= self.scanner.min_range) & (found <= most))] = most
-        return found.reshape(len(state), self.rays)
+        distance = around.caster.cast(origins, ways, most, **when).distance
+        distance[~((distance >= self.scanner.min_range) & (distance <= most))] = most
+        return distance.reshape(len(state), self.rays)
 
     def _whole(
         self, around: Any, place: np.ndarray, attitude: Rotation, seed: int, time: float
@@ -153,10 +153,10 @@ class LidarSense:
             self._scan = (around, Scan(self.scanner, around.caster, seed, through([Pose()])))
         path = Trajectory(np.array([time]), place[None], attitude)
         cloud = self._scan[1].moved(seed, path).look(0, self.rays)
-        found = np.full(self.rays, self.scanner.max_range)
+        distance = np.full(self.rays, self.scanner.max_range)
         first = cloud.number == 1
-        found[cloud.pulse[first]] = cloud.returns.distance[first]
-        return np.clip(found, 0.0, self.scanner.max_range)
+        distance[cloud.pulse[first]] = cloud.returns.distance[first]
+        return np.clip(distance, 0.0, self.scanner.max_range)
 
 
 class EarSense:
@@ -180,7 +180,7 @@ class EarSense:
         self.shape = (sonar.ears, *shape)
 
     def place(self, state: State, row: int = 0, time: float = 0.0) -> Place:
-        """Return where a flyer's sonar is at a time, s."""
+        """Pose of a flyer's sonar at a time, s."""
         heading, pitch, _ = degrees(state, row)
         frame = frame_of(math.radians(heading), math.radians(pitch))
         velocity = self.sonar.speed * frame[0]

@@ -124,7 +124,7 @@ class Flyers:
         self._left = self._distance(self.state.position)
 
     def sense(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """Return what all flyers sense, arrays with a row each; a ping is new every so many steps.
+        """Observations of all flyers, arrays with a row each; a ping is new every so many steps.
 
         rows : bool (N,), of those that have to listen now whatever their step.
         """

@@ -62,11 +62,11 @@ class PlaneTrunks:
                 continue
             away = origins[first, :2] - self.position[rows]
             share = first_within(away, way[first:last, None], self.radius[rows])
-            found = share.argmin(axis=1)
-            nearest = share[np.arange(last - first), found]
+            first_met = share.argmin(axis=1)
+            nearest = share[np.arange(last - first), first_met]
             met = nearest <= max_distance
             hits.distance[first:last][met] = nearest[met]
-            hits.instance[first:last][met] = np.asarray(rows)[found[met]]
+            hits.instance[first:last][met] = np.asarray(rows)[first_met[met]]
             hits.triangle[first:last][met] = 0
         return hits
 
@@ -136,12 +136,12 @@ class StemWorld:
 
     @cached_property
     def targets(self) -> EchoTargets:
-        """Return what sounds back."""
+        """Targets that sound back."""
         return EchoTargets(self.geometry, _measured())
 
     @property
     def stock(self) -> SimpleNamespace:
-        """Return what stops a flyer in each mesh, for pictures."""
+        """Triangles that stop a flyer in each mesh, for pictures."""
         return SimpleNamespace(solids=[Solid(_tube(), 0.0)])
 
     def ground(self, place: np.ndarray) -> np.ndarray:

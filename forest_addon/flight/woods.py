@@ -67,7 +67,7 @@ class FlightSurroundings:
 
     @cached_property
     def targets(self) -> EchoTargets:
-        """Return what sounds back."""
+        """Targets that sound back."""
         if self.sway is None:
             return EchoTargets(self.geometry, self.stock.targets)
         self.stock.wind = EchoWind(self.geometry, self.sway, like=self.stock.wind)
@@ -75,7 +75,7 @@ class FlightSurroundings:
 
     @cached_property
     def obstacles(self) -> MeshObstacles:
-        """Return what stops a flyer."""
+        """Obstacles that stop a flyer."""
         if self.sway is not None:
             return SwayingObstacles(self.geometry, self.stock.solids, self.sway)
         return MeshObstacles(self.geometry, self.stock.solids)
@@ -85,9 +85,9 @@ class FlightSurroundings:
         """The sway of the trees; None without wind or trees, or of what was not grown here."""
         if self.forest is None:
             return None
-        found = sway_of(self.forest, self.settings.wind, self.seed, self.stock.sway)
-        self.stock.sway = self.stock.sway or found
-        return found
+        sway = sway_of(self.forest, self.settings.wind, self.seed, self.stock.sway)
+        self.stock.sway = self.stock.sway or sway
+        return sway
 
     @property
     def gusts(self) -> WindField | None:
@@ -159,7 +159,7 @@ class Stock:
 
     @classmethod
     def standing(cls, world: World) -> Stock:
-        """Return what stands in Blender now; there is one forest of it."""
+        """Surroundings that stand in Blender now; there is one forest of them."""
         made = cls.__new__(cls)
         made.settings, made._site, made._moving = world.scene, None, {}
         made._grown = world.forest
@@ -196,7 +196,7 @@ class Stock:
 
     @cached_property
     def targets(self) -> EchoTargets:
-        """Return what sounds back, measured once."""
+        """Targets that sound back, measured once."""
         return EchoTargets(self._geometry)
 
     def moving_caster(self, scene: SceneGeometry, sway: ForestSway, still: Search) -> MovingCaster:
@@ -215,7 +215,7 @@ class Stock:
 
     @cached_property
     def solids(self) -> list[Solid]:
-        """Return what stops a flyer in each mesh."""
+        """Triangles that stop a flyer in each mesh."""
         thinnest = self.settings.flight.thinnest
         return [Solid(mesh, thinnest) for mesh in self._geometry.meshes]
 

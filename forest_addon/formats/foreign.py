@@ -304,7 +304,7 @@ def refuse_coarse(path: StrPath, corners: np.ndarray, exact: bool = False) -> No
 
 
 def _sentence(problem: Exception, what: str) -> str:
-    """Return what is wrong and what to do, without the file's name."""
+    """Sentence on what is wrong and what to do, without the file's name."""
     if isinstance(problem, FileNotFoundError):
         return "there is no such file; check the path"
     if isinstance(problem, IsADirectoryError):

@@ -54,8 +54,8 @@ class Keeper:
         SpecError : it is, perhaps by another name.
         """
         with suppress(OSError):  # it is not there, or is a link to nothing
-            found = os.stat(path)
-            if any(os.path.samestat(found, read) for read in self._read):
+            status = os.stat(path)
+            if any(os.path.samestat(status, read) for read in self._read):
                 raise _refusal(str(path), "is read by this command; choose another --out")
 
     def claim(self, path: Path, ours: bool = False) -> None:
@@ -94,8 +94,8 @@ class Keeper:
             return removed
         for line in self._lines_of(root / RECORD):
             place = _place(root / line["file"])
-            mine = line["command"] == self._command and place not in self.written
-            if mine and place.is_relative_to(root) and self._is_ours(place):
+            is_command = line["command"] == self._command and place not in self.written
+            if is_command and place.is_relative_to(root) and self._is_ours(place):
                 place.unlink()
                 removed.append(line["file"])
                 if place.parent != root:

@@ -88,7 +88,7 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
         start += stored.itemsize
         return np.frombuffer(data, stored, 1, start - stored.itemsize)[0]
 
-    found: dict[str, list[Any]] = {"vertex": [], "face": []}
+    elements: dict[str, list[Any]] = {"vertex": [], "face": []}
     for number, line in enumerate(head):
         if line[0] != "element":
             continue
@@ -103,11 +103,11 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
             }
             corners = next((value for value in row.values() if isinstance(value, list)), [])
             at = [row.get(axis) for axis in PLACE] if line[1] == "vertex" else corners
-            found.setdefault(line[1], []).append(at)
-    fans = [(face[0], b, c) for face in found["face"] for b, c in pairwise(face[1:])]
+            elements.setdefault(line[1], []).append(at)
+    fans = [(face[0], b, c) for face in elements["face"] for b, c in pairwise(face[1:])]
     if not fans:
         raise SpecError(str(path), "has no faces; a ground is a surface of triangles")
-    vertices = np.array(found["vertex"], dtype=np.float64)
+    vertices = np.array(elements["vertex"], dtype=np.float64)
     single = order and any(line[1:] in (["float", "x"], ["float32", "x"]) for line in head)
     refuse_coarse(path, vertices, exact=not single)
     return vertices, np.array(fans).astype(np.int64)

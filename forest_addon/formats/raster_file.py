@@ -395,11 +395,11 @@ def linear_between(
     """(...) what is linear between points (N, 2) of values (N,) at places (..., 2); beyond those the value
     of the nearest within reach, else NaN."""
     away, nearest = cKDTree(known).query(at)
-    found = np.where(away <= reach, values[nearest], np.nan)
+    between = np.where(away <= reach, values[nearest], np.nan)
     if len(known) > 3:
         linear = scipy.interpolate.LinearNDInterpolator(known, values)(at)
-        found = np.where(np.isnan(linear), found, linear)
-    return found
+        between = np.where(np.isnan(linear), between, linear)
+    return between
 
 
 def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:

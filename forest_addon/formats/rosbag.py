@@ -181,7 +181,7 @@ def _stamp(time: float) -> int:
 
 
 def _pose_at(way: BagWay, time: float) -> tuple[np.ndarray, Rotation]:
-    """Return where a platform is and how it is turned."""
+    """Pose of a platform."""
     if len(way.time) == 1:
         return way.position[0], way.attitude[0]
     time = float(np.clip(time, way.time[0], way.time[-1]))

@@ -40,16 +40,16 @@ def read_head(path: str | os.PathLike[str]) -> HeadResponses:
 def _read_head(path: Path, sofar: Any) -> HeadResponses:
     if not path.is_file():
         raise FileNotFoundError(path)
-    found = sofar.read_sofa(str(path), verify=False, verbose=False)
-    if found.GLOBAL_SOFAConventions != "SimpleFreeFieldHRIR" or found.GLOBAL_DataType != "FIR":
+    sofa = sofar.read_sofa(str(path), verify=False, verbose=False)
+    if sofa.GLOBAL_SOFAConventions != "SimpleFreeFieldHRIR" or sofa.GLOBAL_DataType != "FIR":
         raise SpecError(
             str(path),
-            f"holds {found.GLOBAL_SOFAConventions}; give one of the convention SimpleFreeFieldHRIR",
+            f"holds {sofa.GLOBAL_SOFAConventions}; give one of the convention SimpleFreeFieldHRIR",
         )
-    responses = np.asarray(found.Data_IR, np.float64)
-    place = _cartesian(path, found, "SourcePosition") - _cartesian(path, found, "ListenerPosition")
-    view = _cartesian(path, found, "ListenerView")
-    up = _cartesian(path, found, "ListenerUp", found.ListenerView_Type)
+    responses = np.asarray(sofa.Data_IR, np.float64)
+    place = _cartesian(path, sofa, "SourcePosition") - _cartesian(path, sofa, "ListenerPosition")
+    view = _cartesian(path, sofa, "ListenerView")
+    up = _cartesian(path, sofa, "ListenerUp", sofa.ListenerView_Type)
     axes = np.stack(np.broadcast_arrays(view, np.cross(up, view), up), axis=1)
     axes = axes / np.maximum(np.linalg.norm(axes, axis=2, keepdims=True), 1e-300)
     if not (np.abs(np.linalg.det(axes) - 1) < 0.01).all():
@@ -61,17 +61,17 @@ def _read_head(path: Path, sofar: Any) -> HeadResponses:
     whole = np.isfinite(responses).all() and np.isfinite(place).all() and (size > 0).all()
     if responses.ndim != 3 or responses.shape[1] != 2 or len(place) != len(responses) or not whole:
         raise SpecError(str(path), "needs finite responses of two ears and a direction for each")
-    ears = _cartesian(path, found, "ReceiverPosition")[:, 1]
+    ears = _cartesian(path, sofa, "ReceiverPosition")[:, 1]
     if ears[0] == ears[1]:
         raise SpecError(str(path), "has both ears on one side by its ReceiverPosition; correct it")
-    delay = np.asarray(getattr(found, "Data_Delay", 0.0), np.float64)
+    delay = np.asarray(getattr(sofa, "Data_Delay", 0.0), np.float64)
     delay = np.broadcast_to(np.round(delay).astype(np.int64), responses.shape[:2])
     longest = int(np.clip(delay.max(), 0, 100_000))
     late = np.zeros((*responses.shape[:2], responses.shape[2] + longest))
     for row, ear in np.ndindex(*delay.shape):
         first = int(np.clip(delay[row, ear], 0, longest))
         late[row, ear, first : first + responses.shape[2]] = responses[row, ear]
-    rate = float(np.ravel(found.Data_SamplingRate)[0])
+    rate = float(np.ravel(sofa.Data_SamplingRate)[0])
     if not rate > 0:
         raise SpecError(str(path), "needs a sampling rate above 0 Hz")
     left_first = late if ears[0] > ears[1] else late[:, ::-1]

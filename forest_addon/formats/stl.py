@@ -139,7 +139,7 @@ def _is_text(data: bytes) -> bool:
 
 
 def _wrong_size(data: bytes, counted: int, name: str) -> StlError:
-    """Return what to say of a file whose size is not that of its facet count: damaged, or no STL at all."""
+    """Sentence on a file whose size is not that of its facet count: damaged, or no STL at all."""
     held, rest = divmod(max(len(data) - HEADER_BYTES, 0), FACET.itemsize)
     sample = np.frombuffer(data, FACET, count=min(held, 1000), offset=HEADER_BYTES if held else 0)
     with np.errstate(invalid="ignore"):

@@ -102,14 +102,14 @@ def _minor(text: str) -> tuple[int, int]:
 
 
 def _long_number(text: str) -> str | None:
-    """Return where a number stands that no one can mean."""
-    found = DIGITS.search(text)
-    if found is None:
+    """Place of a number that no one can mean."""
+    match = DIGITS.search(text)
+    if match is None:
         return None
-    line = text.count("\n", 0, found.start()) + 1
-    begun = text[text.rfind("\n", 0, found.start()) + 1 : found.start()]
+    line = text.count("\n", 0, match.start()) + 1
+    begun = text[text.rfind("\n", 0, match.start()) + 1 : match.start()]
     key = begun.partition("=")[0].strip()
-    digits = len(found[0].replace("_", ""))
+    digits = len(match[0].replace("_", ""))
     return f"line {line}: {key or 'a value'} has a number of {digits:,} digits; give a shorter one"
 
 

@@ -162,20 +162,20 @@ class _Sheet:
         ------
         SpecError : a cell that is no finite number.
         """
-        found = np.full(len(self.rows), np.nan)
+        numbers = np.full(len(self.rows), np.nan)
         for row, told in enumerate(self.texts(key)):
             if told.lower() in ABSENT:
                 continue
             point = "." in told or (self.commas and THOUSANDS.fullmatch(told))
             with suppress(ValueError):
-                found[row] = float(told if point else told.replace(",", ".", 1))
-            if not math.isfinite(found[row]):
+                numbers[row] = float(told if point else told.replace(",", ".", 1))
+            if not math.isfinite(numbers[row]):
                 raise SpecError(
                     str(self.path),
                     f'row {self.rows[row][0]}: {key} is "{told}", not a finite number; use metres with a '
                     "decimal point",
                 )
-        return found * self.columns[key][1] if key in self.columns else found
+        return numbers * self.columns[key][1] if key in self.columns else numbers
 
 
 @guarded("a table of trees with columns x and y", most=MOST)
@@ -236,7 +236,7 @@ HEADING = re.compile(r"[^\W\d][\w .()\[\]²°-]{0,29}")
 
 
 def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str]]:
-    """Return where each kind of column stands, and its unit in ours.
+    """Place of each kind of column, and its unit in ours.
 
     Raises
     ------
@@ -245,25 +245,25 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     whole = {"".join(_plain(name)): at for at, name in enumerate(head)}
     usual = USUAL | (FIA if FIA_OWN & set(whole) else {})
     column = partial(_column, path, head, usual)
-    found = {key: one for key, names in COLUMNS.items() if (one := column(key, names.split()))}
+    columns = {key: one for key, names in COLUMNS.items() if (one := column(key, names.split()))}
     pairs = [[column("x", [name]) for name in names.split()] for names in PLACES]
     both = next(filter(all, pairs), None)
     if both:
-        found |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
-    elif not {"distance", "azimuth"} <= set(found):
+        columns |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
+    elif not {"distance", "azimuth"} <= set(columns):
         axis = "y" if any(x for x, _ in pairs) else "x"
         shown = ", ".join(filter(HEADING.fullmatch, head))
         there = f", only {shown}; call one of them {axis}" if shown else f"; name one {axis}"
         raise SpecError(str(path), f"has no column {axis}{there}, or give distance and azimuth")
-    if {"treeid", "z"} <= set(whole) and not {"height", "scale"} & set(found):
-        found["height"] = (whole["z"], 1.0, "")  # tree tops of lidR
-    return found
+    if {"treeid", "z"} <= set(whole) and not {"height", "scale"} & set(columns):
+        columns["height"] = (whole["z"], 1.0, "")  # tree tops of lidR
+    return columns
 
 
 def _column(
     path: Path, head: Sequence[str], usual: Mapping[str, str], key: str, names: Sequence[str]
 ) -> tuple[int, float, str] | None:
-    """Return where the column with the first of these names stands, and its unit; None without one."""
+    """Place of the column with the first of these names, and its unit; None without one."""
     units = {"": 1.0} if key in TEXTS else UNITS.get(key, LENGTHS)
     plain = [_plain(name) for name in head]
     for name in names:

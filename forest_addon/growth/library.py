@@ -363,16 +363,16 @@ def make_library(
     brought.check()
     tell = progress or (lambda _done, _total: None)
     tell(0, 5)
-    parts, found, up = _stand(_read_tree(brought), brought.up)
+    parts, recognition, up = _stand(_read_tree(brought), brought.up)
     timber, foliage = parts.wood, parts.leaves
     tell(1, 5)
-    leaf, leaves = None, found.leaves
+    leaf, leaves = None, recognition.leaves
     if leaves.count:
         mesh = TriMesh.of_part(leaves.vertices, leaves.triangles, LEAF)
         mesh.leaf[:] = leaves.piece
         leaf = float(np.median(measure_leaves(mesh).length))
     tall = float(np.ptp(timber[:, :, 2]))
-    scale = infer_unit(tall, None if found.fronds else leaf)  # a frond's tells no unit
+    scale = infer_unit(tall, None if recognition.fronds else leaf)  # a frond's tells no unit
     if brought.height:
         scale = Unit(brought.height / tall, "units of the height given")
     elif brought.unit:
@@ -381,7 +381,7 @@ def make_library(
     metric = (timber * metres, None if foliage is None else foliage * metres)
     settings, verdict = Siblings(allometry=allometry_of(name)), None
     try:
-        habit = fit(dissect(found, metres))
+        habit = fit(dissect(recognition, metres))
         tell(2, 5)
         if grammar == "tanveer-2020a":
             how = _grammar_text(fit_grammar(split_tree(*metric)))
@@ -406,7 +406,9 @@ def make_library(
     else:
         remove(out / "scene.toml")
     tell(5, 5)
-    return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up, verdict)
+    return Library(
+        timber, foliage, recognition, leaf, scale, habit, species, parts.said, up, verdict
+    )
 
 
 def check_name(name: str) -> None:

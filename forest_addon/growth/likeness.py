@@ -85,11 +85,11 @@ def portray(tree: Outline | Tree) -> Portrait:
     }
     samples = {}
     for level in range(1, int(wood.order.max(initial=0)) + 1):
-        mine = order == level
-        numbers[f"branches of order {level}"] = float(mine.sum())
-        numbers[f"their length, order {level}, m"] = float(length[mine].sum())
-        samples[f"insertion angle, order {level}, deg"] = np.rad2deg(angle[mine])
-        samples[f"length of a branch, order {level}, m"] = length[mine]
+        of_level = order == level
+        numbers[f"branches of order {level}"] = float(of_level.sum())
+        numbers[f"their length, order {level}, m"] = float(length[of_level].sum())
+        samples[f"insertion angle, order {level}, deg"] = np.rad2deg(angle[of_level])
+        samples[f"length of a branch, order {level}, m"] = length[of_level]
     numbers["wood volume, l"] = 1000 * float(wood.volume.sum())
     if len(leaves):
         numbers["leaves"] = float(len(leaves))
@@ -234,9 +234,17 @@ def compare(template: Portrait, siblings: Sequence[Portrait]) -> Likeness:
 
     numbers = []
     for name, value in template.numbers.items():
-        found = np.array([one.numbers.get(name, 0.0) for one in siblings])
+        values_of_siblings = np.array([one.numbers.get(name, 0.0) for one in siblings])
         room = 0.02 * template.numbers["height, m"] if name == "crown base, m" else 0.0
-        numbers.append(Number(name, value, float(found.mean()), float(found.std(ddof=1)), room))
+        numbers.append(
+            Number(
+                name,
+                value,
+                float(values_of_siblings.mean()),
+                float(values_of_siblings.std(ddof=1)),
+                room,
+            )
+        )
     samples = []
     for name, values in template.samples.items():
         pooled = np.concatenate([one.samples.get(name, np.empty(0)) for one in siblings])

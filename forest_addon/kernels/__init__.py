@@ -133,7 +133,7 @@ def library() -> ctypes.CDLL | None:
 
 
 def engine() -> str:
-    """Return what computes, for records and panels: "C", or "numpy" and why."""
+    """Name of what computes, for records and panels: "C", or "numpy" and why."""
     return f"numpy ({SWITCH}=off)" if _switched_off() else _opened()[1]
 
 

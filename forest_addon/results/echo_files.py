@@ -101,13 +101,13 @@ def _flight(found: Echo | PingSeries) -> PingSeries:
 
 
 def _gain(waveform: np.ndarray) -> float:
-    """Return what the loudest sample of (P, E, N) needs to fill the WAV."""
+    """Factor by which the loudest sample of (P, E, N) fills the WAV."""
     peak = float(np.abs(waveform).max(initial=0.0))
     return LOUD / peak if peak > 0 else 1.0
 
 
 def _arrays(flight: PingSeries, waveform: np.ndarray, single: bool) -> dict[str, np.ndarray]:
-    """Return what the NPZ holds; of one ping at one ear, records are (N,)."""
+    """Contents of the NPZ; of one ping at one ear, records are (N,)."""
     first = flight.echoes[0]
     position, axis = flight.poses()
     stacked = {"impulse_response": flight.stacked("responses"), "waveform": waveform}
@@ -140,7 +140,7 @@ def received_arrays(flight: PingSeries) -> dict[str, np.ndarray]:
     within = np.full((len(every), len(every[0].recorded), len(longest)), -np.inf)
     for row, one in zip(within, every, strict=True):
         row[:, : len(one.range)] = one.range_snr_db
-    found = ("detection_ear", "detection_time", "detection_snr_db")
+    names = ("detection_ear", "detection_time", "detection_snr_db")
     return {
         "recorded": flight.stacked("heard_waveforms") * every[0].pressure,
         "call_pressure": np.array(every[0].pressure),
@@ -151,7 +151,7 @@ def received_arrays(flight: PingSeries) -> dict[str, np.ndarray]:
         "detection_ping": np.repeat(
             np.arange(len(every)), [len(one.detection_ear) for one in every]
         ),
-        **{name: np.concatenate([getattr(one, name) for one in every]) for name in found},
+        **{name: np.concatenate([getattr(one, name) for one in every]) for name in names},
     }
 
 
@@ -172,5 +172,5 @@ def heard_columns(found: Echo | PingSeries) -> dict[str, np.ndarray]:
 
 def _column(heard: Contributions, name: str) -> np.ndarray:
     """(M,) or (M, 3) a column; of a ping that hears nothing, none of motion either."""
-    found = getattr(heard, name)
-    return np.empty((0, 3)) if found is None else found
+    column = getattr(heard, name)
+    return np.empty((0, 3)) if column is None else column

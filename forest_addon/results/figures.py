@@ -44,7 +44,7 @@ def words(name: str, short: str, pattern: str, /, **values: float | str) -> Figu
 
 
 def facts(figures: Sequence[Figure]) -> dict[str, str]:
-    """Return what the report and run.json show of figures."""
+    """Lines of figures for the report and run.json."""
     return {each.name: each.text for each in figures if each.name}
 
 
@@ -61,12 +61,12 @@ def of_forest(forest: GrownForest) -> list[Figure]:
     unique = sum(len(tree.mesh.triangles) for tree in forest.variants.values())
     leaves = sum(len(tree.leaves) for tree in variants)
     density = float(stand.density().sum() * 1e4)
-    found = [numbers("trees", "Trees", f"{len(stand):,}")]
-    found += [
+    figures = [numbers("trees", "Trees", f"{len(stand):,}")]
+    figures += [
         numbers(label, label.title(), f"{count:,}")
         for label, count in zip(forest.labels, stand.counts(), strict=True)
     ]
-    found += [
+    figures += [
         numbers("leaves", "Leaves", f"{leaves:,}"),
         numbers("triangles", "Triangles", f"{triangles:,}"),
         numbers("triangles of the variants", "Held Once", f"{unique:,}"),
@@ -74,7 +74,7 @@ def of_forest(forest: GrownForest) -> list[Figure]:
     ]
     if stand.removed:
         removed, before = int(stand.removed), len(stand) + int(stand.removed)
-        found.append(
+        figures.append(
             words(
                 "",
                 "Spacing",
@@ -85,8 +85,8 @@ def of_forest(forest: GrownForest) -> list[Figure]:
         )
     if stand.off_ground.any():
         lost = int(stand.off_ground.sum())
-        found.append(words("", "No Ground", "{count:,} left out", count=lost))
-    return found
+        figures.append(words("", "No Ground", "{count:,} left out", count=lost))
+    return figures
 
 
 def organ_figures(organ: np.ndarray) -> Iterator[Figure]:
@@ -99,7 +99,7 @@ def organ_figures(organ: np.ndarray) -> Iterator[Figure]:
 
 
 def share(mask: np.ndarray) -> str:
-    """Return how much of a mask is true, in per cent."""
+    """Share of a mask that is true, in per cent."""
     return f"{100 * float(np.mean(mask)):.1f} %" if mask.size else "0 %"
 
 

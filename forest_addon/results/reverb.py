@@ -54,11 +54,11 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
         listed += f" and {len(channels) - SHOWN_CHANNELS} more"
     measured = room_metrics(response.samples, response.sample_rate, response.left_db)
     seconds, clarity = measured.t30[0], measured.c50[0]
-    found = [numbers("channels", "", listed)]
+    figures = [numbers("channels", "", listed)]
     if trunks is not None:
-        found.append(numbers("trunks cut from the scene", "", f"{trunks:,}"))
+        figures.append(numbers("trunks cut from the scene", "", f"{trunks:,}"))
     return [
-        *found,
+        *figures,
         numbers("trunks heard", "Trunks Heard", f"{response.trunks:,}"),
         *(
             [numbers("trees that they are of", "Trees Heard", f"{response.stands:,}")]
@@ -83,7 +83,7 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
 
 
 def _of_tail(error: np.ndarray | None, band: np.ndarray) -> Iterator[Figure]:
-    """Return how far the level of noise may be off because its energy is drawn, where there is such."""
+    """Error of the level of noise because its energy is drawn, where there is such."""
     if error is not None and np.isfinite(error).any():
         yield _by_octave(
             "standard error of the tail's level by octave", band, np.append(np.nan, error), "dB", 1
@@ -117,7 +117,7 @@ def _passing(name: str, short: str, clear: Sequence[bool]) -> Figure:
 
 
 def _multiple_scattering(found: ModelError | None) -> Iterator[Figure]:
-    """Return what single scattering leaves out, if it was measured and there was something to measure."""
+    """Error of single scattering, if it was measured and there was something to measure."""
     if found is not None and len(found.frequency):
         yield numbers(
             "error of single scattering",

@@ -184,7 +184,7 @@ def finish(file: PlyFile, path: Path, offset: Offset, packets: Any = None) -> No
 
 
 def _resumed(noted: Path, fresh: ScanState) -> ScanState:
-    """Return what an unfinished scan says of itself; its chunks go on as they were."""
+    """Record of an unfinished scan; its chunks go on as they were."""
     try:
         known = ScanState.read(noted)
     except Exception:  # whatever else lies there
@@ -200,7 +200,7 @@ def _resumed(noted: Path, fresh: ScanState) -> ScanState:
 
 
 def _digest(scan: Scan, seed: int, offset: Offset) -> str:
-    """Return what decides the bytes of a scan, in one number: settings, seed, scene, engine."""
+    """Digest of what decides the bytes of a scan: settings, seed, scene, engine."""
     total = hashlib.blake2b(digest_size=16)
     settings = dataclasses.asdict(scan.scanner)
     total.update(json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True).encode())
@@ -212,7 +212,7 @@ def _digest(scan: Scan, seed: int, offset: Offset) -> str:
 
 
 def scene_digest(scene: SceneGeometry) -> bytes:
-    """Return what decides what rays meet, in one number."""
+    """Digest of what decides what rays meet."""
     total = hashlib.blake2b(digest_size=16)
     for mesh in scene.meshes:
         for array in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf):

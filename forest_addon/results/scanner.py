@@ -23,36 +23,36 @@ THIRDS = 3  # of the heights of what moves
 
 def _figures(scanner: Scanner, cloud: Cloud, _seen: Seen | None) -> list[Figure]:
     tree, organ = cloud.returns.tree, cloud.returns.organ
-    found = [
+    figures = [
         numbers("", "Beams", f"{cloud.pulses:,}"),
         numbers("points", "Points", f"{len(organ):,}"),
         numbers("trees seen", "Trees Seen", f"{len(np.unique(tree[tree >= 0]))}"),
         *organ_figures(organ),
     ]
     if scanner.beam.max_returns > 1:
-        found.append(numbers("of several returns", "Several Returns", share(cloud.count > 1)))
+        figures.append(numbers("of several returns", "Several Returns", share(cloud.count > 1)))
     if cloud.bounce is not None:
-        found += _of_bounces(cloud)
+        figures += _of_bounces(cloud)
     if cloud.velocity is not None:
-        found += _of_motion(cloud)
+        figures += _of_motion(cloud)
     if cloud.lost:
         lost = "; ".join(map(str, cloud.lost))
-        found.append(numbers("not measured, by a fault of this program", "Not Measured", lost))
-    return [*found, numbers("", "Rays By", cloud.engine)]
+        figures.append(numbers("not measured, by a fault of this program", "Not Measured", lost))
+    return [*figures, numbers("", "Rays By", cloud.engine)]
 
 
 def _of_bounces(cloud: Cloud) -> list[Figure]:
     """Figures of a scanner that follows bounces: points by the way of their light, rays not followed."""
     assert cloud.bounce is not None
-    found = [
+    figures = [
         numbers("ghosts, by reflection", "Ghosts", share(cloud.bounce == 1)),
         numbers("through glass", "Through Glass", share(cloud.bounce == 2)),
         numbers("refracted by water", "Refracted", share(cloud.bounce == 3)),
     ]
     if cloud.unfollowed:
         said = f"{cloud.unfollowed:,}"
-        found.append(numbers("rays that met a second mirror or pane", "Not Followed", said))
-    return found
+        figures.append(numbers("rays that met a second mirror or pane", "Not Followed", said))
+    return figures
 
 
 def _of_motion(cloud: Cloud) -> list[Figure]:
@@ -62,13 +62,13 @@ def _of_motion(cloud: Cloud) -> list[Figure]:
     moving = np.linalg.norm(cloud.velocity, axis=1) > 0
     away = np.linalg.norm(cloud.position - cloud.rest, axis=1)
     pulses = len(distinct(cloud.pulse[moving])) / max(len(distinct(cloud.pulse)), 1)
-    found = [numbers("pulses that met something moving", "Met Moving", f"{pulses:.1%}")]
+    figures = [numbers("pulses that met something moving", "Met Moving", f"{pulses:.1%}")]
     if not moving.any():
-        return found
+        return figures
     speed = float(np.linalg.norm(cloud.velocity[moving], axis=1).max())
     moving &= np.isfinite(away)  # NaN: it is not there as the scene stands still
     if not moving.any():
-        return [*found, numbers("fastest of it", "Fastest", f"{speed:.3g} m/s")]
+        return [*figures, numbers("fastest of it", "Fastest", f"{speed:.3g} m/s")]
     height = cloud.rest[moving, 2]
     edges = np.linspace(height.min(), height.max(), THIRDS + 1)
     third = np.clip(np.searchsorted(edges, height, side="right") - 1, 0, THIRDS - 1)
@@ -78,7 +78,7 @@ def _of_motion(cloud: Cloud) -> list[Figure]:
         if (third == k).any()
     )
     return [
-        *found,
+        *figures,
         numbers("fastest of it", "Fastest", f"{speed:.3g} m/s"),
         numbers("blur, rms, by height", "Blur", blur),
         *_of_tops(cloud.returns.tree[moving], height, away[moving]),

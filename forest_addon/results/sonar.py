@@ -47,7 +47,7 @@ def loudest(flight: PingSeries) -> Echo:
 
 
 def strongest(echo: Echo) -> tuple[float, float] | None:
-    """Return how far away the loudest echo comes from, m, and its level, dB re call at 1 m; None: silence."""
+    """Distance of the loudest echo, m, and its level, dB re call at 1 m; None: silence."""
     if not np.any(echo.envelope):
         return None
     peak = int(np.argmax(echo.envelope))
@@ -65,56 +65,56 @@ def _figures(sonar: Sonar, found: Finding, _seen: Seen | None) -> list[Figure]:
 def _of_echo(sonar: Sonar, echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
     """Figures of an echo; its error is the largest of all ``echoes`` that it stands for."""
     heard = {kind: int(np.count_nonzero(echo.heard.kind == kind)) for kind in ("wood", "facet")}
-    found = [
+    figures = [
         numbers("leaves in the scene", "Leaves", f"{echo.leaves:,}"),
         numbers("leaves heard", "Leaves Heard", f"{echo.leaves_heard:,}"),
         numbers("pieces of wood heard", "Wood Heard", f"{heard['wood']:,}"),
         numbers("glints and rims heard", "Glints Heard", f"{heard['facet']:,}"),
         numbers("hidden by wood", "Behind Wood", f"{echo.hidden:,}"),
     ]
-    found += _of_motion(echo)
+    figures += _of_motion(echo)
     peak = strongest(echo)
     if peak is None:
-        found.append(words("strongest echo from", "", "nothing"))
-        found.append(words("level", "Level", "silence"))
+        figures.append(words("strongest echo from", "", "nothing"))
+        figures.append(words("level", "Level", "silence"))
     else:
-        found.append(numbers("strongest echo from", "Strongest", f"{peak[0]:.2f} m"))
-        found.append(words("level", "Level", "{level:.1f} dB re call at 1 m", level=peak[1]))
+        figures.append(numbers("strongest echo from", "Strongest", f"{peak[0]:.2f} m"))
+        figures.append(words("level", "Level", "{level:.1f} dB re call at 1 m", level=peak[1]))
     some = (
         ("later than the record", "Too Late", echo.late),
         ("leaves nearer than ka²/2", "Near Leaves", echo.close),
         ("discs of ka > 120 beyond 60°", "Doubtful Discs", echo.doubtful),
     )
-    found += [numbers(name, short, f"{count:,}") for name, short, count in some if count]
-    found += _of_receiver(sonar.receiver, echo.received)
+    figures += [numbers(name, short, f"{count:,}") for name, short, count in some if count]
+    figures += _of_receiver(sonar.receiver, echo.received)
     most = max(each.error_bound + each.table_error for each in (echo, *echoes))
-    found += [
+    figures += [
         words("error of the sum at most", "", "{share:.1e} of all amplitudes", share=most),
         numbers("", "Error at Most", f"{100 * most:.2g} %"),
     ]
-    return found
+    return figures
 
 
 def _of_receiver(receiver: SonarReceiver | None, received: Reception | None) -> list[Figure]:
     """Figures of what a receiver made of an echo; none without one."""
     if receiver is None or received is None:
         return []
-    found = []
+    figures = []
     if receiver.noisy:
         level = 20 * np.log10(received.noise_level / REFERENCE)
-        found.append(numbers("noise in the band", "Noise", f"{level.max():.1f} dB re 20 µPa"))
+        figures.append(numbers("noise in the band", "Noise", f"{level.max():.1f} dB re 20 µPa"))
         over = float(received.snr_db.max())
         said = f"{over:.1f} dB" if np.isfinite(over) else "no echo"
-        found.append(numbers("peak of the echo over the noise", "Over Noise", said))
+        figures.append(numbers("peak of the echo over the noise", "Over Noise", said))
         above = received.range[(received.range_snr_db >= 0.0).any(axis=0)]
         if len(above):
             far = f"{above.max():.1f} m"
-            found.append(numbers("echo above the noise up to", "Above Noise", far))
+            figures.append(numbers("echo above the noise up to", "Above Noise", far))
     if receiver.threshold_db is not None:
-        found.append(numbers("detections", "Detections", f"{len(received.detection_ear):,}"))
+        figures.append(numbers("detections", "Detections", f"{len(received.detection_ear):,}"))
     if received.clipped:
-        found.append(numbers("samples that were clipped", "Clipped", f"{received.clipped:,}"))
-    return found
+        figures.append(numbers("samples that were clipped", "Clipped", f"{received.clipped:,}"))
+    return figures
 
 
 def _of_motion(echo: Echo) -> list[Figure]:
@@ -125,12 +125,12 @@ def _of_motion(echo: Echo) -> list[Figure]:
         return []
     speed, loud = np.linalg.norm(velocity, axis=1), echo.heard.amplitude
     moving = float(loud[speed > 0].sum() / max(loud.sum(), 1e-300))
-    found = [numbers("of all amplitudes, by what moves", "Heard Moving", f"{moving:.1%}")]
+    figures = [numbers("of all amplitudes, by what moves", "Heard Moving", f"{moving:.1%}")]
     if not speed.any():
-        return found
+        return figures
     mean = float((loud @ speed) / loud.sum())
     said = f"{mean:.2g} m/s (mean by amplitude), at most {speed.max():.2g} m/s"
-    return [*found, numbers("speed of what is heard", "Speed Heard", said)]
+    return [*figures, numbers("speed of what is heard", "Speed Heard", said)]
 
 
 def _sentence(found: Finding) -> str:

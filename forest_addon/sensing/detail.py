@@ -203,14 +203,15 @@ def _with_coarse_tubes(
                 variants[key], made[key] = coarse, tolerance
     species, chosen = list(forest.species), []
     for planting, label in enumerate(forest.labels):
-        mine = {key: metres for key, metres in made.items() if key[0] == planting}
-        if not mine:
+        own_keys = {key: metres for key, metres in made.items() if key[0] == planting}
+        if not own_keys:
             continue
-        coarsest = max(mine.values())
+        coarsest = max(own_keys.values())
         detail = replace(species[planting].detail, tolerance=coarsest)
         species[planting] = species[planting].changed(detail=detail)
         before, after = (
-            sum(len(of[key].mesh.triangles) for key in mine) for of in (forest.variants, variants)
+            sum(len(of[key].mesh.triangles) for key in own_keys)
+            for of in (forest.variants, variants)
         )
         why = (
             f"along the normal of {label}'s branches, a tenth of the narrowest beam that meets them; "

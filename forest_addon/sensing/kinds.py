@@ -68,7 +68,7 @@ def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
 
 
 def left_out(sensor: Sensor, found: Any) -> tuple[Choice, ...]:
-    """Return what a finding left out as too weak, with its bound."""
+    """Sentence on what a finding left out as too weak, with its bound."""
     return kind_of(sensor).left_out(found)
 
 

@@ -104,7 +104,7 @@ class SensorLook:
         raise NotImplementedError
 
     def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
-        """Return what coarse leaves of trees (N,) bool make its results off by, in its own units."""
+        """Error of its results by coarse leaves of trees (N,) bool, in its own units."""
         raise NotImplementedError
 
 
@@ -134,7 +134,7 @@ class BeamLook(SensorLook):
         return self.widths(distance)
 
     def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
-        """Return how far first ranges move; see ``range_shift``."""
+        """Shift of first ranges; see ``range_shift``."""
         why = (
             f"in nine of ten of {self.name}'s rays that meet one of {far.sum():,} trees with a quarter of "
             f"their leaves, the median beside it; of the rays through their crowns {shift.passing:.1%} pass "
@@ -169,7 +169,7 @@ class EchoLook(SensorLook):
         return f"where {many:.0f} sound as one, {10 * np.log10(louder):+.2f} dB"
 
     def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
-        """Return how much louder or fainter echoes are, by the mean energy of their leaves."""
+        """Change of loudness of echoes, by the mean energy of their leaves."""
         sizes = np.unique(np.round(trees.radius[far], 4)).tolist() if self.hears_leaves else []
         louder = [
             abs(10 * np.log10(loudness(self.band, float(size)))) for size in sizes if size > 0

@@ -121,14 +121,14 @@ class MovingScene:
 
     def at(self, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
         """(R, 3, 4) local to world of instances (R,) at times (R,), s."""
-        found = self.scene.transform[instance]
+        transform = self.scene.transform[instance]
         rows, row = self.motion.row_of(instance)
         if len(rows):
-            found[rows] = self.motion.table.at(row, time[rows])
+            transform[rows] = self.motion.table.at(row, time[rows])
         rows = np.flatnonzero(instance >= self.count)
         if len(rows):
-            found[rows] = self._swayed(instance[rows] - self.count, time[rows])[0]
-        return found
+            transform[rows] = self._swayed(instance[rows] - self.count, time[rows])[0]
+        return transform
 
     def _swayed(self, piece: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(R, 3, 4) local to world of pieces at times, s, and its rate, 1/s."""
@@ -144,15 +144,15 @@ class MovingScene:
 
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         """(R, 3) unit world normals of the triangles that were hit at times (R,), s; NaN for a miss."""
-        found = hit_normals(self.scene, hits, self.at(hits.instance, time))
+        normals = hit_normals(self.scene, hits, self.at(hits.instance, time))
         bends = np.flatnonzero(self.motion.bends(hits.instance))
         if len(bends):
             some = hits.instance[bends], hits.triangle[bends], time[bends]
             a, b, c = self.corners(*some).swapaxes(0, 1)
             normal = np.cross(b - a, c - a)
             with np.errstate(invalid="ignore", divide="ignore"):
-                found[bends] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-        return found
+                normals[bends] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        return normals
 
     def velocities(
         self, points: np.ndarray, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
@@ -340,7 +340,7 @@ class CutTrees:
         if like is not None:
             meshes, self.of_mesh = list(like.meshes), list(like.of_mesh)
             self.triangle, self._known = list(like.triangle), dict(like._known)
-        found: list[tuple[int, int, int]] = []  # instance, piece and mesh
+        cuts_of_trees: list[tuple[int, int, int]] = []  # instance, piece and mesh
         for instance in np.flatnonzero(tree >= 0).tolist():
             mesh = int(scene.mesh_index[instance])
             key = (mesh, int(scene.species[instance]))
@@ -352,9 +352,11 @@ class CutTrees:
                     meshes.append(scene.meshes[mesh].select(rows))
                     self.of_mesh.append(mesh)
                     self.triangle.append(rows)
-            found += [(instance, which, made) for which, made in self._known[key]]
+            cuts_of_trees += [(instance, which, made) for which, made in self._known[key]]
         self.meshes: tuple[TriMesh, ...] = tuple(meshes)
-        self.owner, self._piece, self.mesh = np.array(found, np.int64).reshape(-1, 3).T.copy()
+        self.owner, self._piece, self.mesh = (
+            np.array(cuts_of_trees, np.int64).reshape(-1, 3).T.copy()
+        )
         self._tree = tree[self.owner]
         self._stands = scene.transform[self.owner]
         if like is None or len(like.meshes) != len(meshes):
@@ -366,7 +368,7 @@ class CutTrees:
         self._placed: dict[tuple[int, int], np.ndarray] = {}
         self._windows: dict[int, tuple[np.ndarray, PieceWindow]] = {}
         cuts = np.flatnonzero(np.diff(self.owner)) + 1
-        self._trees = np.split(np.arange(len(found)), cuts) if found else []
+        self._trees = np.split(np.arange(len(cuts_of_trees)), cuts) if cuts_of_trees else []
         ends = np.array([self._bounds(rows) for rows in self._trees]).reshape(-1, 2, 3)
         self._ever = ends[:, 0], ends[:, 1]
         self.hull = ends[:, 0].min(0, initial=np.inf), ends[:, 1].max(0, initial=-np.inf)
@@ -498,15 +500,15 @@ def _surfaces(
 
 def trees_that_sway(scene: SceneGeometry, sway: TreesOfStand | None) -> np.ndarray:
     """(I,) the number in the stand of each instance that is a tree which sways, -1 of all others."""
-    found = np.full(len(scene), -1)
+    tree_of = np.full(len(scene), -1)
     if sway is not None:
         number = sway.number
         for instance in np.flatnonzero(scene.tree >= 0).tolist():
             tree = number.get(int(scene.tree[instance]), -1)
             mesh = scene.meshes[scene.mesh_index[instance]]
             if tree >= 0 and len(mesh.triangles) and sway.moves(tree):
-                found[instance] = tree
-    return found
+                tree_of[instance] = tree
+    return tree_of
 
 
 def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray]]:
@@ -539,9 +541,9 @@ def boxes_of_pieces(corners: np.ndarray, piece: np.ndarray, count: int) -> np.nd
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, piece, corners.min(axis=1))
     np.maximum.at(high, piece, corners.max(axis=1))
-    found = np.stack([low, high])
-    found[:, ~np.isfinite(low).all(axis=1)] = 0.0
-    return found
+    boxes = np.stack([low, high])
+    boxes[:, ~np.isfinite(low).all(axis=1)] = 0.0
+    return boxes
 
 
 def swept(boxes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -557,9 +559,9 @@ def swept(boxes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def joined(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
     """(..., R, 3, 4) of going through the inner transforms (..., R, 3, 4) and then the outer (R, 3, 4)."""
-    found = outer[:, :, :3] @ inner
-    found[..., 3] += outer[:, :, 3]
-    return found
+    product = outer[:, :, :3] @ inner
+    product[..., 3] += outer[:, :, 3]
+    return product
 
 
 def moved(transform: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -94,20 +94,20 @@ class MovingCaster:
         near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), len(origins))
         far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(origins))
         time = np.asarray(time, dtype=np.float64)
-        found = self.search.cast(origins, ways, far, time=time, min_distance=near, leaving=leaving)
-        return replace(found, normal=self.moving.normals(found, time))
+        hits = self.search.cast(origins, ways, far, time=time, min_distance=near, leaving=leaving)
+        return replace(hits, normal=self.moving.normals(hits, time))
 
     def meets(
         self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
     ) -> np.ndarray:
         """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
-        found = np.full(len(origins), np.inf)
+        distance = np.full(len(origins), np.inf)
         rows = np.flatnonzero(hits.found)
         corners = self.moving.corners(hits.instance[rows], hits.triangle[rows], time[rows])
         corners -= origins[rows, None]
         ways = unit_columns(directions[rows].T).T
-        found[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
-        return found
+        distance[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
+        return distance
 
     def exactly(self, true: SceneGeometry | None = None) -> MovingCaster:
         """The same motion with every triangle met in float64. true : the scene that is true, as it is read;

@@ -117,14 +117,14 @@ def _leaf_errors(tree: Tree, measured: FoliageDiscs, shoots: bool) -> np.ndarray
     number = measured.leaf[there]
     centre, _, radius = (value[there] for value in measured.local)
     whole = np.bincount(number, radius**2, len(errors))  # of all pieces of a leaf
-    found = np.flatnonzero(whole > 0)
+    sounding = np.flatnonzero(whole > 0)
     middle = np.stack([np.bincount(number, radius**2 * axis, len(errors)) for axis in centre.T])
     apart = np.linalg.norm(
-        middle[:, found].T / whole[found, None] - tree.leaves.centre[found], axis=1
+        middle[:, sounding].T / whole[sounding, None] - tree.leaves.centre[sounding], axis=1
     )
-    size, truth = np.sqrt(whole[found]), tree.leaves.radius[found]
+    size, truth = np.sqrt(whole[sounding]), tree.leaves.radius[sounding]
     size = size * np.median(truth / size) if shoots else size
-    errors[found] = np.maximum(apart, np.abs(size - truth))
+    errors[sounding] = np.maximum(apart, np.abs(size - truth))
     return errors
 
 

@@ -182,7 +182,7 @@ def is_advanced(settings: str, name: str) -> bool:
 
 
 def need_of(group: Any, name: str) -> tuple[str, tuple[str | bool, ...]] | None:
-    """Return which other setting one of a group needs for an effect, as ``APPLIES``; None: none."""
+    """Other setting that one of a group needs for an effect, as ``APPLIES``; None: none."""
     kind = type(group).__name__.removeprefix("FOREST_PG_").lower()
     need = APPLIES.get(f"{kind}.{name}", APPLIES.get(name))
     return need if need and hasattr(group, need[0]) else None
@@ -247,10 +247,10 @@ def idle_in_species(species: Species) -> list[str]:
         group = getattr(species, table) if table else species
         if group is None:
             continue
-        found = attrgetter(other)(species)
+        value = attrgetter(other)(species)
         (default,) = (field.default for field in fields(group) if field.name == name)
-        if getattr(group, name) != default and found not in values:
-            said.append(_idle(place, other, values, found))
+        if getattr(group, name) != default and value not in values:
+            said.append(_idle(place, other, values, value))
     return said
 
 
@@ -531,12 +531,12 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
 
 
 def title_of(name: str, choice: str) -> str:
-    """Return what a choice is called in a menu."""
+    """Name of a choice in a menu."""
     known = CHOICES.get(name, {}).get(choice)
     return known[0] if known else choice if choice.isupper() else choice.title()
 
 
 def meaning_of(name: str, choice: str) -> str:
-    """Return what a choice does; empty where its name says it."""
+    """Effect of a choice, in words; empty where its name says it."""
     known = CHOICES.get(name, {}).get(choice)
     return known[1] if known else ""

@@ -83,7 +83,7 @@ class Choice:
         return f"{self.key} was left to auto: {value}, {bound} {self.why}."
 
     def record(self) -> dict[str, float | str]:
-        """Return what stands in run.json."""
+        """Contents of run.json."""
         return asdict(self)
 
 

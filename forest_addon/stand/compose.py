@@ -152,7 +152,7 @@ def area_of(forest: spec.Forest) -> float:
 
 
 def masks_of(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> list[Mask]:
-    """Return where a planting's trees may stand within the field's rectangle."""
+    """Part of the field's rectangle where a planting's trees may stand."""
     masks: list[Mask] = []
     for owner, name in ((forest, "forest.polygon"), (planting, f"{planting.species}: polygon")):
         if owner.polygon:

@@ -125,10 +125,10 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
         for raster in planting.rasters:
             if raster.file not in rasters:
                 key = f"plantings[{number}].rasters"
-                found = _read_placed(raster, settings, folder, key)
-                rasters[raster.file] = found
+                placed = _read_placed(raster, settings, folder, key)
+                rasters[raster.file] = placed
                 told.append(
-                    _told(raster.file, found, found.pixels, "amounts", "no tree stands there")
+                    _told(raster.file, placed, placed.pixels, "amounts", "no tree stands there")
                 )
         if planting.layout == "list" and planting.trees and planting.trees not in lists:
             path = folder / planting.trees

@@ -107,7 +107,7 @@ def key_of(
 
 
 def _content(value: object) -> object:
-    """Return what a value says, to compare by: equal for two readings of one file."""
+    """Contents of a value, to compare by: equal for two readings of one file."""
     if isinstance(value, np.ndarray):
         return value.shape, value.dtype.str, value.tobytes()
     if is_dataclass(value):
@@ -310,9 +310,9 @@ class ForestPlan:
             if variant >= many or number >= len(foot):
                 continue  # none of it stands
             foot[number] = tree.skeleton.radius[:1, 0].sum()
-            mine = np.flatnonzero(met & (code == number)) if meets else ()
-            if len(mine) and len(tree.skeleton):
-                scale[mine] = scales_for(tree.skeleton, wanted[mine, 0])
+            grown_trees = np.flatnonzero(met & (code == number)) if meets else ()
+            if len(grown_trees) and len(tree.skeleton):
+                scale[grown_trees] = scales_for(tree.skeleton, wanted[grown_trees, 0])
         foot = foot[code] * scale
         ground = self.inputs.ground(self.scene.forest.terrain.base)
         return replace(stand, scale=scale, sink=sink(ground, stand.position[:, :2], foot))
@@ -335,11 +335,11 @@ def keys_of(stand: Stand) -> list[tuple[int, int]]:
 
 def counts_of(stand: Stand) -> dict[tuple[int, int], int]:
     """Number of the trees of each (planting, variant) that stands, in order."""
-    found = Counter[tuple[int, int]]()
+    counts = Counter[tuple[int, int]]()
     for rows in blocks(len(stand)):
         many, code = codes_of(stand, rows)
-        found.update({divmod(k, many): n for k, n in enumerate(np.bincount(code).tolist()) if n})
-    return dict(sorted(found.items()))
+        counts.update({divmod(k, many): n for k, n in enumerate(np.bincount(code).tolist()) if n})
+    return dict(sorted(counts.items()))
 
 
 def codes_of(stand: Stand, rows: slice = slice(None)) -> tuple[int, np.ndarray]:
@@ -394,7 +394,7 @@ def variant_leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
 
 
 def leaf_count(forest: GrownForest) -> int:
-    """Return how many leaves all trees bear together."""
+    """Number of leaves that all trees bear together."""
     of_variant = {key: len(tree.leaves) for key, tree in forest.variants.items()}
     return sum(of_variant[key] for key in forest.keys)
 
@@ -436,9 +436,9 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
     stand, truth, keys = forest.stand, forest.truth, forest.keys
     dbh, foot = np.zeros((2, len(stand)))
     for (planting, variant), grown in forest.variants.items():
-        mine = (stand.species == planting) & (stand.variant == variant)
-        dbh[mine] = dbh_at(grown.skeleton, stand.scale[mine])
-        foot[mine] = float(grown.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
+        same = (stand.species == planting) & (stand.variant == variant)
+        dbh[same] = dbh_at(grown.skeleton, stand.scale[same])
+        foot[same] = float(grown.skeleton.radius[:1, 0].sum()) * stand.scale[same]
 
     def scaled(name: str, power: int) -> dict[str, list[object]]:
         values = np.array([truth[key][name] for key in keys], dtype=float)
@@ -468,16 +468,16 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
             unit = "m2" if name == "leaf_area" else "m"
             values = forest.wanted[:, column]
             table[f"target_{name}_{unit}"] = ["" if np.isnan(v) else float(v) for v in values]
-        found = found_in(table)
-        band: list[object] = [""] * len(found)
+        measured = found_in(table)
+        band: list[object] = [""] * len(measured)
         for planting, law in enumerate(forest.laws):
             rows = np.flatnonzero(stand.species == planting)
             if law is not None and len(rows):
-                inside = in_band(law, found[rows]).all(axis=1)
+                inside = in_band(law, measured[rows]).all(axis=1)
                 for row, value in zip(rows, inside.tolist(), strict=True):
                     band[row] = int(value)
         table["in_band"] = band
-        table["not_met"] = list(not_met(forest.wanted, found))
+        table["not_met"] = list(not_met(forest.wanted, measured))
     return table
 
 
@@ -631,7 +631,7 @@ class PlacedTrees:
         return len(self.index)
 
     def row_of(self, tree: int) -> int | None:
-        """Return which row a tree of this number has."""
+        """Row of the tree of this number."""
         rows = np.flatnonzero(self.tree == tree)
         return int(rows[0]) if len(rows) else None
 

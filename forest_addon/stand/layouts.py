@@ -105,8 +105,8 @@ class Process:
         if (high <= low).any():
             return Integral(0.0)
         closed = self.intensity.closed_integral(low, high)
-        found = Integral(closed) if closed is not None else quadrature(self.intensity, low, high)
-        return Integral(self.factor * found.value, self.factor * found.error)
+        integral = Integral(closed) if closed is not None else quadrature(self.intensity, low, high)
+        return Integral(self.factor * integral.value, self.factor * integral.error)
 
     def expected(self, low: np.ndarray | None = None, high: np.ndarray | None = None) -> float:
         """∫λ over a rectangle within the field, by default the whole of it."""
@@ -239,8 +239,8 @@ def _components_of(
     for k, (centre, width) in enumerate(
         zip(components.hills.centre, components.hills.width, strict=True)
     ):
-        mine = which == k + 1
-        points[mine] = _hill(centre, width, int(mine.sum()), rng)
+        of_hill = which == k + 1
+        points[of_hill] = _hill(centre, width, int(of_hill.sum()), rng)
     return _within(points, components, process)
 
 
@@ -308,9 +308,9 @@ def _components(intensity: Intensity, factor: float) -> _Components | None:
             0.0, Mixture(factor * intensity.peak, intensity.centre, intensity.width), ()
         )
     if isinstance(intensity, Sum):
-        found = [_components(part, factor) for part in intensity.parts]
-        plain = [part for part in found if part is not None and not part.masks]
-        if len(plain) < len(found):
+        components = [_components(part, factor) for part in intensity.parts]
+        plain = [part for part in components if part is not None and not part.masks]
+        if len(plain) < len(components):
             return None
         hills = [part.hills for part in plain] or [none]
         joined = Mixture(
@@ -379,11 +379,11 @@ def told_of(planting: Planting, numbers: np.ndarray, name: str) -> np.ndarray:
 
 def is_cleared(place: np.ndarray, clearings: Sequence[Clearing]) -> np.ndarray:
     """(N,) bool, which places (N, 2) lie within a clearing, its edge included."""
-    found = np.zeros(len(place), dtype=bool)
+    cleared = np.zeros(len(place), dtype=bool)
     for disc in clearings:
         apart = place - np.array(disc.position)
-        found |= (apart**2).sum(axis=1) <= disc.radius**2
-    return found
+        cleared |= (apart**2).sum(axis=1) <= disc.radius**2
+    return cleared
 
 
 def plant_stems(

@@ -103,10 +103,10 @@ class Stand:
 
     def counts(self) -> np.ndarray:
         """(P,) trees of each planting."""
-        found = np.zeros(len(self.expected), dtype=np.int64)
+        counts = np.zeros(len(self.expected), dtype=np.int64)
         for rows in blocks(len(self)):
-            found += np.bincount(self.species[rows], minlength=len(found))
-        return found
+            counts += np.bincount(self.species[rows], minlength=len(counts))
+        return counts
 
     def first(self, count: int) -> Stand:
         """The trees of the first so many plantings: a scene's own, without undergrowth."""
@@ -406,7 +406,7 @@ def _listed(
 def chosen_of(
     number: int, names: Sequence[str], plantings: Sequence[Planting], listed: TreeList
 ) -> np.ndarray:
-    """Return which trees (M,) of a list are of a planting.
+    """Trees (M,) of a list that are of a planting.
 
     Raises
     ------
@@ -560,8 +560,8 @@ def _pairs(
     portion = max(PORTION // int(most + 1), 1)
     for first in range(0, len(queries), portion):
         part = cKDTree(queries[first : first + portion])
-        found = part.sparse_distance_matrix(tree, reach, output_type="ndarray")
-        yield first + found["i"], found["j"]
+        pairs = part.sparse_distance_matrix(tree, reach, output_type="ndarray")
+        yield first + pairs["i"], pairs["j"]
 
 
 def _ages(mark: np.ndarray) -> np.ndarray:
@@ -577,15 +577,15 @@ def _oldest_of_bins(points: np.ndarray, age: np.ndarray, spacing: Spacing) -> np
     oldest = np.ones(len(points), dtype=bool)
     low, span = points.min(axis=0), np.ptp(points, axis=0).max()
     for kind in np.unique(spacing.kind):
-        mine = np.flatnonzero(spacing.kind == kind)
-        side = max(spacing.distance[kind, kind], 2 * spacing.crown[mine].min()) / 1.5
+        of_kind = np.flatnonzero(spacing.kind == kind)
+        side = max(spacing.distance[kind, kind], 2 * spacing.crown[of_kind].min()) / 1.5
         if side <= span * 1e-9:
             continue
-        column, row = np.floor((points[mine] - low) / side).astype(np.int64).T
+        column, row = np.floor((points[of_kind] - low) / side).astype(np.int64).T
         home = row * (int(span / side) + 2) + column
-        order = np.lexsort((age[mine], home))
+        order = np.lexsort((age[of_kind], home))
         first = np.append(True, np.diff(home[order]) != 0)
-        oldest[mine[order[~first]]] = False
+        oldest[of_kind[order[~first]]] = False
     return oldest
 
 
@@ -646,7 +646,7 @@ def undergrowth_of(
     trees = [row for row in range(len(planted)) if is_measured(planted[row][0])]
     needles = sum(planted[row][0].needles is not None for row in trees or range(len(planted)))
     kind = 0 if needles * 2 >= len(trees or planted) else 1
-    found = [
+    plantings = [
         Planting(
             species=name,
             density=numbers[kind][column] / HECTARE,
@@ -661,8 +661,10 @@ def undergrowth_of(
         young = _young(planted[row])
         if young is not None:
             density = YOUNG[column] / HECTARE / len(own)
-            found.append(Planting(species=name, density=density, variants=FEWEST, targets=young))
-    return tuple(found)
+            plantings.append(
+                Planting(species=name, density=density, variants=FEWEST, targets=young)
+            )
+    return tuple(plantings)
 
 
 def _young(planted: tuple[Species, object]) -> Targets | None:

@@ -266,8 +266,8 @@ class SwayResponse:
         a, b, da, db = value[low], value[high], slope[low], slope[high]
         rise = b - a
         second, third = 3 * rise - 2 * da - db, da + db - 2 * rise
-        found = a + share * (da + share * (second + share * third))
-        return found, KNOTS * (da + share * (2 * second + 3 * share * third))
+        amplitude = a + share * (da + share * (second + share * third))
+        return amplitude, KNOTS * (da + share * (2 * second + 3 * share * third))
 
 
 def response_of(
@@ -309,8 +309,8 @@ def response_of(
         answer += np.eye(len(omega)) * (omega**2 - rate[:, :, 0] ** 2)[:, :, None]
         drive = field.push(world, push * (lever * kept[:, None])[:, None])
         waves = np.linalg.solve(answer, drive[:, :, None])[:, :, 0].T
-        found = 0.5 * np.einsum("mk,nk->mn", waves, waves.conj()).real
-        shaken = np.einsum("bmi,mn,bni->b", tilt, found, tilt)
+        covariance = 0.5 * np.einsum("mk,nk->mn", waves, waves.conj()).real
+        shaken = np.einsum("bmi,mn,bni->b", tilt, covariance, tilt)
         if shaken.max(initial=0.0) < CALM:
             break
     mean, waves = mean / scale**1.5, waves / scale**1.5
@@ -393,17 +393,17 @@ def drag_area_of(
     wood_of : the wood of a variant, by planting and number. What stands above the height counts in the top
     layer.
     """
-    stand, found = forest.stand, np.zeros(LAYERS)
+    stand, areas = forest.stand, np.zeros(LAYERS)
     if not len(stand) or stand.area <= 0:
-        return found
+        return areas
     for key, tree in forest.variants.items():
-        mine = (stand.species == key[0]) & (stand.variant == key[1])
+        same = (stand.species == key[0]) & (stand.variant == key[1])
         place, area = drag_slices(tree, wood_of(key).one_sided)
-        layer = np.outer(stand.scale[mine], place) / height * LAYERS
+        layer = np.outer(stand.scale[same], place) / height * LAYERS
         rows = np.clip(layer.astype(np.int64), 0, LAYERS - 1)
-        own = np.outer(stand.scale[mine] ** 2, area)
-        found += np.bincount(rows.ravel(), own.ravel(), minlength=LAYERS)
-    return found / stand.area
+        own = np.outer(stand.scale[same] ** 2, area)
+        areas += np.bincount(rows.ravel(), own.ravel(), minlength=LAYERS)
+    return areas / stand.area
 
 
 def drag_slices(tree: Tree, one_sided: float) -> tuple[np.ndarray, np.ndarray]:
@@ -613,15 +613,15 @@ class ForestSway:
     def leaning(self) -> int:
         """Count the trees asked until now whose tops lean by more than ``LEAN`` of their height, or that are
         held where they would bend farther than small rotations tell."""
-        heights, found = self._forest.heights(), 0
+        heights, count = self._forest.heights(), 0
         for tree, response in self._responses.items():
             shape = self.shape(tree)
             if shape is not None and response is not None:
                 off = np.einsum("nmi,m->ni", shape.modes.shape[:, :, :3], response.mean)
-                found += (
+                count += (
                     response.held or float(np.linalg.norm(off, axis=1).max()) > LEAN * heights[tree]
                 )
-        return found
+        return count
 
     def _reach(self, tree: int) -> float:
         shape, response = self.shape(tree), self.response(tree)
@@ -638,7 +638,7 @@ class ForestSway:
         return float((far @ most).max()) + 2 * (TWIST + NOD) * leaf * scale
 
     def _moved(self, tree: np.ndarray, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
-        found = np.zeros((len(tree), 3))
+        moved = np.zeros((len(tree), 3))
         order_of = np.argsort(tree, kind="stable")
         numbers, begin = np.unique(np.asarray(tree)[order_of], return_index=True)
         for number, rows in zip(numbers.tolist(), np.split(order_of, begin[1:]), strict=True):
@@ -647,8 +647,8 @@ class ForestSway:
                 continue
             for first in range(0, len(rows), FEW):
                 few = rows[first : first + FEW]
-                found[few] = self._of_one(number, at.select(few), np.asarray(time)[few], order)
-        return found
+                moved[few] = self._of_one(number, at.select(few), np.asarray(time)[few], order)
+        return moved
 
     def _of_one(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
         shape, stand = _sure(self.shape(tree)), self._forest.stand

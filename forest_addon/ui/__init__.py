@@ -57,7 +57,7 @@ def registered() -> Iterator[None]:
 
 
 def _steps() -> Iterator[Step]:
-    """Return what registering does, one by one, and how each is taken back."""
+    """Steps of registering, one by one, and how each is taken back."""
     import bpy
 
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
@@ -92,15 +92,15 @@ def _classes() -> list[type]:
 
     The operator FOREST_OT_NAME is called forest.NAME.
     """
-    found: dict[type, None] = {}
+    classes: dict[type, None] = {}
     for room in _rooms():
         own = [c for n, c in vars(room).items() if n.startswith("FOREST_")]
         own = [*getattr(room, "CLASSES", ()), *(c for c in own if c.__module__ == room.__name__)]
-        found |= dict.fromkeys(own)
-    for cls in found:
+        classes |= dict.fromkeys(own)
+    for cls in classes:
         if cls.__name__.startswith("FOREST_OT_"):
             cls.bl_idname = cls.__name__.replace("FOREST_OT_", "forest.")
-    return list(found)
+    return list(classes)
 
 
 ROOMS = (
@@ -114,7 +114,7 @@ ROOMS = (
 
 
 def _rooms() -> tuple[ModuleType, ...]:
-    """Return what has classes, menus or handlers; panels in the order in which they stand.
+    """Modules with classes, menus or handlers; panels in the order in which they stand.
 
     Classes FOREST_* and the made ones in ``CLASSES`` are registered, ``HANDLERS`` appended to the lists of
     bpy.app.handlers that they name (``WINDOW_HANDLERS`` not in the background), ``MENUS`` to Blender's menus;

@@ -143,11 +143,11 @@ def draw_outlines(context: bpy.types.Context) -> None:
     shader = line_shader()
     if _is_new(draw_outlines, context.scene):
         _outlines.clear()
-        for thing, ends in lines(context.scene):
+        for obj, ends in lines(context.scene):
             batch = batch_for_shader(shader, "LINES", {"pos": ends})
-            _outlines.append((batch, KINDS[kind_of(thing)].colour, thing.name))
-    thing = chosen_sensor(context)
-    name = "" if thing is None else thing.name
+            _outlines.append((batch, KINDS[kind_of(obj)].colour, obj.name))
+    obj = chosen_sensor(context)
+    name = "" if obj is None else obj.name
     for batch, colour, of in sorted(_outlines, key=lambda batch: batch[2] == name):
         draw_lines(shader, batch, *strength(colour, of == name))
 
@@ -159,16 +159,16 @@ def strength(colour: tuple[float, ...], chosen: bool) -> tuple[tuple[float, ...]
 
 def lines(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, np.ndarray]]:
     """Sensors and ends of their lines, (2 N, 3) float32 with N > 0, of every sensor that has any."""
-    for thing in sensors_of(scene):
+    for obj in sensors_of(scene):
         try:
-            ends = outline(exchange.sensor_of(thing)).reshape(-1, 3).astype(np.float32)
+            ends = outline(exchange.sensor_of(obj)).reshape(-1, 3).astype(np.float32)
         except (SpecError, ValueError):
             continue  # the panel says what is wrong when it is run
         except Exception:  # a fault of ours: other sensors are drawn all the same
-            log.exception("Forest Sensing cannot draw where %s looks", thing.name)
+            log.exception("Forest Sensing cannot draw where %s looks", obj.name)
             continue
         if len(ends) and np.isfinite(ends).all():
-            yield thing, ends
+            yield obj, ends
 
 
 # After projection, in depth of the view's: points lie on surfaces, and would be half hidden by them.
@@ -184,42 +184,42 @@ def draw_points(context: bpy.types.Context) -> None:
     if not context.scene.forest_sensing.show_points:
         return
     home = find_part(context.scene, RESULTS)
-    clouds = [thing for thing in home.objects if CLOUD_KEY in thing] if home else ()
+    clouds = [obj for obj in home.objects if CLOUD_KEY in obj] if home else ()
     shader = gpu.shader.from_builtin("POINT_FLAT_COLOR")
-    for thing in clouds:
-        if not thing.visible_get(viewport=context.space_data):
+    for obj in clouds:
+        if not obj.visible_get(viewport=context.space_data):
             continue
-        for size, batch in _batch(thing, shader, context):
+        for size, batch in _batch(obj, shader, context):
             with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
                 gpu.matrix.load_projection_matrix(NEARER @ gpu.matrix.get_projection_matrix())
-                gpu.matrix.multiply_matrix(thing.matrix_world)
+                gpu.matrix.multiply_matrix(obj.matrix_world)
                 gpu.state.point_size_set(size * context.scene.forest_sensing.point_size)
                 batch.draw(shader)
 
 
-def seen_points(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def seen_points(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of an evaluated cloud: (N, 3) places, of the object's own space, (N, 4) colours for the screen,
     and (N,) sizes in those of its modifier's radius."""
-    geometry = thing.evaluated_geometry()  # its points are gone with it
+    geometry = obj.evaluated_geometry()  # its points are gone with it
     points = geometry.pointcloud
     known = points.attributes if points is not None else {}
     if "colour" not in known or "position" not in known:  # its modifier was removed or changed
         return np.empty((0, 3), np.float32), np.empty((0, 4), np.float32), np.empty(0, np.float32)
     colour = read(points, "colour", "FLOAT_COLOR")
     colour[:, :3] **= GAMMA
-    modifier = next((m for m in thing.modifiers if has_input(m, RADIUS)), None)
+    modifier = next((m for m in obj.modifiers if has_input(m, RADIUS)), None)
     usual = float(input_of(modifier, RADIUS)) if modifier is not None else 0.0
     size = read(points, "radius") / usual if usual > 0 else np.ones(len(colour), np.float32)
     return read(points, "position", "FLOAT_VECTOR"), colour, size
 
 
 def _batch(
-    thing: bpy.types.Object, shader: gpu.types.GPUShader, context: Any
+    obj: bpy.types.Object, shader: gpu.types.GPUShader, context: Any
 ) -> list[tuple[float, Any]]:
     """Points to draw, by their size."""
-    key = thing.session_uid
+    key = obj.session_uid
     if key not in _points:
-        evaluated = thing.evaluated_get(context.evaluated_depsgraph_get())
+        evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
         position, colour, size = seen_points(evaluated)
         step = max(float(np.ptp(size)), 1e-3) / SIZES if len(size) else 1.0
         group = np.round(size / step)

@@ -44,7 +44,7 @@ BESIDES: dict[type, dict[str, Any]] = {
 
 
 def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
-    """Return what a group holds besides its settings."""
+    """Contents of a group besides its settings."""
     held = dict(BESIDES.get(settings, {}))
     for field in fields_of(settings):
         if field.name in references.REFERENCES and field.kind is str:

@@ -104,14 +104,14 @@ class Meshes:
         if forest is None:
             return {}
         rows = {int(tree): row for row, tree in enumerate(forest.stand.id)}
-        found = {}
+        variant_of = {}
         for instance in np.flatnonzero(scene.tree >= 0).tolist():
             row = rows.get(int(scene.tree[instance]))
             if row is not None:
                 key = int(forest.stand.species[row]), int(forest.stand.variant[row])
                 if not forest.variants[key].grafted and len(forest.variants[key].skeleton):
-                    found[int(scene.mesh_index[instance])] = key
-        return found
+                    variant_of[int(scene.mesh_index[instance])] = key
+        return variant_of
 
     @property
     def tolerance(self) -> float:
@@ -192,8 +192,8 @@ def sweep_scanner(
         scan = Scan(replace(sensor, beam=beam), caster, settings.seed, way)
         scan.look(starts[0], min(starts[0] + BLOCK, scan.pulses))  # build trees of boxes
         begin = time.process_time()
-        found = np.concatenate([_first_ranges(scan, start) for start in starts])
-        return found, (time.process_time() - begin) * scan.pulses / len(found)
+        ranges = np.concatenate([_first_ranges(scan, start) for start in starts])
+        return ranges, (time.process_time() - begin) * scan.pulses / len(ranges)
 
     def rays(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         pulse, subray = np.divmod(number, today)
@@ -227,14 +227,14 @@ def sweep_tractor(
     forward = np.array([np.cos(heading), np.sin(heading), 0.0])
 
     def look(caster: RayCaster, splits: int) -> tuple[np.ndarray, float]:
-        found, spent = [], 0.0
+        ranges, spent = [], 0.0
         for metres in (chosen[0], *chosen):  # the first twice: trees of boxes are built
             place = tuple((np.array(sensor.position) + metres * forward).tolist())
             one = replace(sensor, position=place, track=sensor.step / 2, splits=splits)
             begin = time.process_time()
-            found.append(drive(one, caster).distance.ravel())
-            spent += (time.process_time() - begin) * (len(found) > 1)
-        distance = np.concatenate(found[1:])
+            ranges.append(drive(one, caster).distance.ravel())
+            spent += (time.process_time() - begin) * (len(ranges) > 1)
+        distance = np.concatenate(ranges[1:])
         distance = np.where(np.isfinite(distance), distance, np.nan)
         return distance, spent * len(along) / len(chosen)
 
@@ -368,10 +368,10 @@ def _first_ranges(scan: Scan, start: int) -> np.ndarray:
     """(BLOCK,) metres of the first returns, NaN where there is none."""
     stop = min(start + BLOCK, scan.pulses)
     cloud = scan.look(start, stop)
-    found = np.full(stop - start, np.nan)
+    ranges = np.full(stop - start, np.nan)
     first = cloud.number == 1
-    found[cloud.pulse[first] - start] = cloud.true_range[first]
-    return found
+    ranges[cloud.pulse[first] - start] = cloud.true_range[first]
+    return ranges
 
 
 def sweep_sonar(
@@ -390,8 +390,8 @@ def sweep_sonar(
     def listen(changes: dict[str, object]) -> tuple[list[Echo], float]:
         one = replace(sensor, **changes, **fixed)
         if one not in known:
-            found, seconds = timed(lambda: observer.observe(one, settings, None, folder, some))
-            known[one] = list(found.echoes), seconds * len(given) / len(some)
+            result, seconds = timed(lambda: observer.observe(one, settings, None, folder, some))
+            known[one] = list(result.echoes), seconds * len(given) / len(some)
         return known[one]
 
     shaded = "extinction" in sensor.shading
@@ -492,12 +492,12 @@ def sweep_reverb(
     cut = ended[one.continue_to][0] if ended else 0.0
 
     def point(tolerance: float) -> Point:
-        found, seconds = hear(tolerance=tolerance)
+        result, seconds = hear(tolerance=tolerance)
         if part < length:
             some = replace(one, tolerance=tolerance, duration=part)
-            found = observer.observe(some, settings, None, folder)
-        count = min(len(found.trees), len(exact.trees))
-        error = math.hypot(_share(found.trees[:count], exact.trees[:count]), cut)
+            result = observer.observe(some, settings, None, folder)
+        count = min(len(result.trees), len(exact.trees))
+        error = math.hypot(_share(result.trees[:count], exact.trees[:count]), cut)
         changes = {"tolerance": tolerance}
         return Point(changes, f"tolerance {tolerance:g}", error, 0.0, seconds * len(pairs))
 
@@ -550,8 +550,8 @@ def _ended_sooner(
 
     def sound(metres: float) -> tuple[np.ndarray, float]:
         some = trunks.with_others(beyond.select(away <= metres))
-        found, seconds = timed(lambda: impulse_response(some, alone, settings.air, **around))
-        return found.trees, seconds
+        response, seconds = timed(lambda: impulse_response(some, alone, settings.air, **around))
+        return response.trees, seconds
 
     truth, _ = sound(farthest)
     found = {}

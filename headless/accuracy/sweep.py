@@ -100,7 +100,7 @@ class AccuracySweep:
         return f"{first} (beside {others})" if others else first
 
     def verdict(self, error: float, seconds: float) -> str:
-        """Return what to do about the error, in a sentence."""
+        """Sentence on what to do about the error."""
         chosen = self.choice(error, seconds)
         unit = f" {self.unit}" if self.unit else ""
         if self.model is not None and self.model[0] > max(error, self.today.error):
@@ -126,14 +126,14 @@ def _advice(chosen: Point, today: Point) -> str:
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """Return what work returns and its CPU seconds, the least of some runs where it is short."""
+    """Result of some work and its CPU seconds, the least of several runs where it is short."""
     spent: list[float] = []
     while True:
         begin = time.process_time()
-        found = work()
+        returned = work()
         spent.append(time.process_time() - begin)
         if sum(spent) > ENOUGH or (len(spent) > 1 and sum(spent) > SOME):
-            return found, min(spent)
+            return returned, min(spent)
 
 
 def mean_and_spread(values: Sequence[float]) -> tuple[float, float]:

@@ -89,13 +89,13 @@ def check_species(name: str, trees: int) -> None:
     dbh = np.exp(rng.uniform(low, high, trees))
     wanted = draw(law, dbh, np.full((trees, 4), np.nan), rng.random((trees, 4)))
     blade = blade_of(species, kind.blade)
-    found = np.empty((trees, 5))
+    measured = np.empty((trees, 5))
     before = time.process_time()
     for tree in range(trees):
         target = Wanted(float(dbh[tree]), *wanted[tree].tolist())
         skeleton, sites, _ = grow_measured(species, target, blade, stream(0, "check", name, tree))
         tips = leaf_tips(sites)
-        found[tree] = (
+        measured[tree] = (
             dbh_of(skeleton),
             max(float(skeleton.end[:, 2].max()), float(tips[:, 2].max())),
             width_of(tips),
@@ -103,13 +103,13 @@ def check_species(name: str, trees: int) -> None:
             float(leaf_areas(sites, blade).sum()),
         )
     spent = time.process_time() - before
-    inside = np.abs(scores(law, dbh, found[:, 1:])) <= Z90 * (1 + 1e-6)
+    inside = np.abs(scores(law, dbh, measured[:, 1:])) <= Z90 * (1 + 1e-6)
     print(
         f"{trees} trees of {name}, DBH {dbh.min():.3f}-{dbh.max():.3f} m, {spent / trees:.3f} CPU s each"
     )
-    print(f"  DBH: off by at most {1e3 * np.abs(found[:, 0] - dbh).max():.2g} mm")
+    print(f"  DBH: off by at most {1e3 * np.abs(measured[:, 0] - dbh).max():.2g} mm")
     for column, measure in enumerate(MEASURES):
-        off = np.abs(found[:, column + 1] / wanted[:, column] - 1)
+        off = np.abs(measured[:, column + 1] / wanted[:, column] - 1)
         print(
             f"  {measure:12} {100 * inside[:, column].mean():5.1f} % within the 90 % band of "
             f"{getattr(law, measure).trees} trees; off its target by at most {100 * off.max():.2g} %"

@@ -77,14 +77,14 @@ def pictures_of(file: Path) -> dict[str, np.ndarray]:
 
     with bpy.data.libraries.load(str(file), assets_only=True, link=True) as (there, here):
         here.collections = list(there.collections)
-    found = {}
+    pictures = {}
     for home in here.collections:
         preview = home.preview
         wide, high = preview.image_size
         pixels = np.array(preview.image_pixels_float, dtype=np.float32)
-        found[home.name] = pixels.reshape(high, wide, 4)[::-1]
+        pictures[home.name] = pixels.reshape(high, wide, 4)[::-1]
     bpy.data.batch_remove([home.library for home in here.collections[:1] if home.library])
-    return found
+    return pictures
 
 
 def draw_sheet(files: Sequence[Path], path: Path) -> Path:

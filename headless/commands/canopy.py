@@ -85,7 +85,7 @@ def look_up_in(
 
 
 def lines(world: World, seen: Canopy) -> list[str]:
-    """Return what was seen, and what is true."""
+    """Labels that were seen, and those that are true."""
     leaf, wood = world.leaf_area_index, world.wood_area_index
     told = [
         f"{seen.points} points, {seen.rays:,} rays to zenith angles of 75°",

@@ -256,7 +256,7 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
 def _grown(
     mapped: MappedSpecies, kind: str, method: str, law: str, file: str, say: Say
 ) -> tuple[SpeciesOfSite, dict[str, np.ndarray]]:
-    """Return what was estimated of a species' trees, and the arrays that its planting reads."""
+    """Estimates of a species' trees, and the arrays that its planting reads."""
     points, frame = mapped.points, mapped.window
     estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
     planting, inputs = _planting(kind, estimate, file)

@@ -80,7 +80,7 @@ class FlightCell:
 
     @property
     def arrived(self) -> int:
-        """Return how many came to their aim."""
+        """Number that came to their aim."""
         return sum(track.end == "arrived" for track in self.tracks)
 
 
@@ -276,6 +276,6 @@ def _save(path: Path, cell: FlightCell, world: FlightSurroundings) -> None:
 
     world.stock.built(world.forest)
     forest = cell.tracks[0].forest
-    mine = [track for track in cell.tracks if track.forest == forest][:SHOWN]
-    show_flights(part(bpy.context.scene, RESULTS), mine)
+    shown_tracks = [track for track in cell.tracks if track.forest == forest][:SHOWN]
+    show_flights(part(bpy.context.scene, RESULTS), shown_tracks)
     save_blend(path)

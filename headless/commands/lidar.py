@@ -98,7 +98,7 @@ def _refuse(chosen: argparse.Namespace, words: Sequence[str], why: str) -> None:
 
 
 def _offset(chosen: argparse.Namespace) -> Offset:
-    """Return what is added to coordinates, and their system.
+    """Offset that is added to coordinates, and their system.
 
     Raises
     ------

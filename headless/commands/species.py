@@ -17,7 +17,7 @@ from forest_addon.growth.measured.allometry import Kind, typical_tree
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
 from forest_addon.spec import Normal, SpecError, Species
-from forest_addon.stand.measured import ALONE
+from forest_addon.stand.competition import ALONE
 
 from ..command import refuse_beyond
 from ..progress import hushed

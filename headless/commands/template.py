@@ -133,7 +133,7 @@ def _tell_verdict(verdict: Verdict, written: str, accept: bool, say: Say) -> Non
 
 
 def _groups(wood: Path, leaves: Path | None) -> list[Group]:
-    """Return what files hold that are no STL; nothing where both are."""
+    """Meshes of files that are no STL; nothing where both are."""
     if all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path):
         return []
     known = (".stl", ".ply", ".obj", ".gltf", ".glb")
@@ -218,13 +218,13 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
         return grow(species, template, stream(0, "template", "sibling", number))
 
     with hushed():
-        found = add_sensors(verdict.likeness, itself, (sibling(k) for k in range(sensed)))
+        likeness = add_sensors(verdict.likeness, itself, (sibling(k) for k in range(sensed)))
         if can_draw():
             from ..report.trees import render_three
 
             shown = [sibling(number) for number in range(SHOWN)]
             render_three(made.found, made.unit.metres, itself, shown, species.look, path)
-    tell_likeness(found, verdict.siblings, sensed, say)
+    tell_likeness(likeness, verdict.siblings, sensed, say)
 
 
 def _varied(species: Species, variety: float) -> Species:
@@ -233,7 +233,7 @@ def _varied(species: Species, variety: float) -> Species:
 
 def _tell(made: Library, brought: Brought, say: Say) -> None:
     """Say what was recognised, and how large it is taken to be."""
-    found, anatomy, metres = made.found, made.habit.anatomy, made.unit.metres
+    recognition, anatomy, metres = made.found, made.habit.anatomy, made.unit.metres
     trunk = int(anatomy.trunks[0])
     others = anatomy.count - 1 - made.branches
     say(f"Wood: {len(made.wood):,} triangles in {anatomy.count:,} pieces:")
@@ -243,7 +243,7 @@ def _tell(made: Library, brought: Brought, say: Say) -> None:
         f"{others:,} that hang on those"
     )
     if made.leaves is not None:
-        distinct = len(found.leaves.triangles)
+        distinct = len(recognition.leaves.triangles)
         drawn = round(len(made.leaves) / max(distinct, 1) * made.leaf_count)
         say(
             f"Leaves: {len(made.leaves):,} triangles, {drawn:,} leaf faces: {made.leaf_count:,} leaves"

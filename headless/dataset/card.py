@@ -144,14 +144,14 @@ def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
 
 
 def _standing(sensors: Sequence[dict[str, Any]]) -> list[tuple[float, float]]:
-    """Return where sensors stand that do not move."""
-    found = []
+    """Places of sensors that do not move."""
+    places = []
     for sensor in sensors:
         for key in ("position", "source", "receiver"):
             place = sensor.get(key)  # the receiver of a scanner is a table
             if isinstance(place, list) and sensor["kind"] in ("terrestrial", "sonar", "reverb"):
-                found.append((place[0], place[1]))
-    return found
+                places.append((place[0], place[1]))
+    return places
 
 
 def _draw_found(axes: Axes, one: Done) -> None:
@@ -373,7 +373,7 @@ def _what_varied(plan: Plan) -> list[str]:
 
 
 def shared_trees(records: Sequence[dict[str, Any]]) -> int:
-    """Return how many grown trees stand in scenes of more than one split."""
+    """Number of grown trees that stand in scenes of more than one split."""
     splits: dict[str, set[str]] = {}
     for record in records:
         for digest in record["variants"].values():
@@ -393,13 +393,13 @@ def _shared(plan: Plan, records: Sequence[dict[str, Any]]) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide the bytes, by name."""
-    found = {"python": platform.python_version()}
+    version_of = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
-            found[name] = importlib.metadata.version(name)
+            version_of[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+            version_of[name] = "unknown"
+    return version_of
 
 
 ORGAN_NUMBERS = ", ".join(f"{number} {name}" for number, name in enumerate(PART_NAMES))

@@ -208,10 +208,10 @@ def write_status(root: Path, number: int, status: Mapping[str, Any]) -> None:
 
 
 def read_status(root: Path, number: int) -> dict[str, Any]:
-    """Return how a scene went; empty where that is not known."""
+    """Status of a scene; empty where that is not known."""
     try:
-        found = json.loads(_note(root, number).read_text(encoding="utf-8"))
-        return found if isinstance(found, dict) else {}
+        status = json.loads(_note(root, number).read_text(encoding="utf-8"))
+        return status if isinstance(status, dict) else {}
     except (OSError, ValueError):
         return {}
 
@@ -285,8 +285,10 @@ def write_manifest(root: Path, recipes: Sequence[Recipe]) -> list[dict[str, Any]
     folder = root / "splits"
     folder.mkdir(exist_ok=True)
     for split in SPLITS:
-        mine = [row["scene"] for row in rows if row["split"] == split and row["status"] == "done"]
-        write_whole(folder / f"{split}.txt", "".join(f"{name}\n" for name in mine) or "\n")
+        done_names = [
+            row["scene"] for row in rows if row["split"] == split and row["status"] == "done"
+        ]
+        write_whole(folder / f"{split}.txt", "".join(f"{name}\n" for name in done_names) or "\n")
     return rows
 
 
@@ -309,10 +311,10 @@ def write_shards(root: Path, size: int) -> list[Path]:
     for split in SPLITS:
         held: list[Done] = []
         number = 0
-        mine = [one for one in done if one.record["split"] == split]
-        for place, one in enumerate(mine):
+        of_split = [one for one in done if one.record["split"] == split]
+        for place, one in enumerate(of_split):
             held.append(one)
-            if sum(each.size for each in held) >= size or place == len(mine) - 1:
+            if sum(each.size for each in held) >= size or place == len(of_split) - 1:
                 written.append(_pack(folder / f"{split}-{number:06d}.tar", held))
                 held, number = [], number + 1
     counts, index = {path.name: path.stat().st_size for path in written}, folder / INDEX

@@ -329,7 +329,7 @@ class Worker:
     def _ask(
         self, deadline: float, most: float, call: Callable[..., SceneOutcome], *given: Any
     ) -> SceneOutcome:
-        """Return what a call in the process gives, or what became of it instead; then it is dead."""
+        """Result of a call in the process, or what became of it instead; then it is dead."""
         try:
             future = self._pool.submit(call, *given)
             while not future.done() and time.monotonic() < deadline:
@@ -346,7 +346,7 @@ class Worker:
         return SceneOutcome("timeout", "ran past its time")
 
     def _crashed(self) -> SceneOutcome:
-        """Return how the process ended, with its last words."""
+        """Sentence on how the process ended, with its last words."""
         self._pool.shutdown()
         code = self._process.exitcode
         said: list[str] = []
@@ -445,7 +445,7 @@ class Cluster:
         return memory, max(1, (os.cpu_count() or 1) // workers)
 
     def local_workers(self) -> int:
-        """Return how many there are on this machine."""
+        """Number of them on this machine."""
         return self.workers or os.cpu_count() or 1
 
 
@@ -626,7 +626,7 @@ def _hand_out(jobs: Sequence[WorkerJob], client: Any, cluster: Cluster, report: 
 
 
 def _ahead(client: Any, address: str) -> int:
-    """Return how many jobs the scheduler is to hold.
+    """Number of jobs that the scheduler is to hold.
 
     Raises
     ------

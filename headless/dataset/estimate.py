@@ -228,23 +228,23 @@ def by_cost(cost: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _trial(recipe: Recipe, worker: Worker, running: Running, say: Callable[[str], None]) -> Trial:
-    """Return what a whole scene takes."""
+    """Cost of a whole scene."""
 
     def make(thin: float) -> Trial:
         return _made(thinned(recipe, thin), worker, running)
 
     few = make(THIN) if _has_pulses(recipe) else None
     share = 1.0 if few is None else max(1.0, THIN * few.points / ENOUGH)
-    found = make(share) if share > 2.0 else make(1.0)
+    whole = make(share) if share > 2.0 else make(1.0)
     how = ""
     if few is not None and share > 2.0:
-        how = f" (from {few.points + found.points:,.0f})"
-        found = found.at(few, share * found.points)
+        how = f" (from {few.points + whole.points:,.0f})"
+        whole = whole.at(few, share * whole.points)
     say(
-        f"  scene {recipe.name}: {sum(found.seconds.values()):.1f} s of CPU, {found.points:,.0f} points"
-        f"{how}, {found.size / 1e6:.1f} MB"
+        f"  scene {recipe.name}: {sum(whole.seconds.values()):.1f} s of CPU, {whole.points:,.0f} points"
+        f"{how}, {whole.size / 1e6:.1f} MB"
     )
-    return found
+    return whole
 
 
 def _made(recipe: Recipe, worker: Worker, running: Running) -> Trial:

@@ -175,7 +175,7 @@ def make_scenes(
 
 
 def _missing(wanted: Sequence[Recipe], out: Path, replace: bool) -> list[Recipe]:
-    """Return what is to be made.
+    """Plan of what is to be made.
 
     Raises
     ------

@@ -224,9 +224,11 @@ def write_panoptic(done: Sequence[Done], out: Path) -> int:
                 shutil.copyfile(one.folder / source, partial)
         segment = segments_from((one.folder / SEGMENTS).read_bytes())
         high, wide = segment.shape
-        mine = told[one.record["split"]]
-        mine["images"].append({"id": one.number, "file_name": name, "width": wide, "height": high})
-        mine["annotations"].append(
+        listing = told[one.record["split"]]
+        listing["images"].append(
+            {"id": one.number, "file_name": name, "width": wide, "height": high}
+        )
+        listing["annotations"].append(
             {"image_id": one.number, "file_name": name, "segments_info": _segments(segment)}
         )
     for split, record in told.items():
@@ -249,13 +251,13 @@ def _categories() -> list[dict[str, Any]]:
 
 
 def _segments(segment: np.ndarray) -> list[dict[str, Any]]:
-    """Return what an image (H, W) of segments holds: area in pixels, box as x, y, width, height."""
-    found = []
+    """Segments that an image (H, W) holds: area in pixels, box as x, y, width, height."""
+    segments = []
     for number in np.unique(segment[segment > 0]).tolist():
         rows, columns = np.nonzero(segment == number)
         left, top = int(columns.min()), int(rows.min())
         box = [left, top, int(columns.max()) - left + 1, int(rows.max()) - top + 1]
-        found.append(
+        segments.append(
             {
                 "id": number,
                 "category_id": number % EIGHT,
@@ -264,7 +266,7 @@ def _segments(segment: np.ndarray) -> list[dict[str, Any]]:
                 "iscrowd": 0,
             }
         )
-    return found
+    return segments
 
 
 def segments_from(data: bytes) -> np.ndarray:
@@ -303,9 +305,9 @@ def write_s3dis(done: Sequence[Done], out: Path) -> int:
         turn = np.argsort(key, kind="stable")
         lines = _lines(place[turn], grey[turn])
         _write(room / f"{room.name}.txt", lines)
-        found, first = np.unique(key[turn], return_index=True)
+        keys_found, first = np.unique(key[turn], return_index=True)
         ends = [*first[1:].tolist(), len(key)]
-        for what, start, end in zip(found.tolist(), first.tolist(), ends, strict=True):
+        for what, start, end in zip(keys_found.tolist(), first.tolist(), ends, strict=True):
             name = f"{WORDS[what % len(CLASSES)]}_{what // len(CLASSES)}.txt"
             _write(room / "Annotations" / name, lines[start:end])
     return len(done)

@@ -114,17 +114,17 @@ def put(table: dict[str, Any], path: str, value: Any) -> None:
 def _steps(path: str) -> list[str]:
     steps: list[str] = []
     for word in path.split("."):
-        found = STEP.fullmatch(word)
-        if found is None:
+        step_match = STEP.fullmatch(word)
+        if step_match is None:
             raise SpecError(
                 path, 'is no path; write one as air.humidity or "sensors[tls].angle_step_deg"'
             )
-        steps += [found[1], *re.findall(r"\[[^\[\]]+\]", found[2])]
+        steps += [step_match[1], *re.findall(r"\[[^\[\]]+\]", step_match[2])]
     return steps
 
 
 def _go(place: Any, step: str, path: str, value: Any, last: bool) -> list[Any]:
-    """Return what one step leads to; the last one sets."""
+    """Entries that one step leads to; the last one sets."""
     if not step.startswith("["):
         if not isinstance(place, dict):
             raise SpecError(
@@ -135,26 +135,26 @@ def _go(place: Any, step: str, path: str, value: Any, last: bool) -> list[Any]:
         return [] if last else [place.setdefault(step, {})]
     if not isinstance(place, list):
         raise SpecError(path, f"{step} is asked of what is no list in the base scene")
-    found = _entries(place, step[1:-1], path)
+    entries = _entries(place, step[1:-1], path)
     if last:
-        for number in found:
+        for number in entries:
             place[number] = value
         return []
-    return [place[number] for number in found]
+    return [place[number] for number in entries]
 
 
 def _entries(place: list[Any], word: str, path: str) -> list[int]:
     if word == "*":
         return list(range(len(place)))
     if word.isdigit():
-        found = [int(word)] if int(word) < len(place) else []
+        indices = [int(word)] if int(word) < len(place) else []
     else:
-        found = [
+        indices = [
             number
             for number, entry in enumerate(place)
             if isinstance(entry, dict) and word in [entry.get(key) for key in NAMES]
         ]
-    if not found:
+    if not indices:
         there = [
             next((str(entry[key]) for key in NAMES if key in entry), str(number))
             for number, entry in enumerate(place)
@@ -163,7 +163,7 @@ def _entries(place: list[Any], word: str, path: str) -> list[int]:
         raise SpecError(
             path, f"[{word}] is not there; use one of {', '.join(there) or 'none'}, or *"
         )
-    return found
+    return indices
 
 
 SHEDDING = (  # measured kinds (assets/allometry) that lose their leaves in a winter
@@ -197,14 +197,14 @@ def redealt(
     parameter : of the Dirichlet distribution, times the number of plantings. Plantings without a density
     stay as they are.
     """
-    found = [dict(one) for one in plantings]
-    mine = [one for one in found if one.get("density")]
-    if len(mine) > 1:
-        density = np.array([float(one["density"]) for one in mine])
-        shares = rng.dirichlet(parameter * len(mine) * density / density.sum())
-        for one, value in zip(mine, (shares * density.sum()).tolist(), strict=True):
+    redealt_plantings = [dict(one) for one in plantings]
+    dense = [one for one in redealt_plantings if one.get("density")]
+    if len(dense) > 1:
+        density = np.array([float(one["density"]) for one in dense])
+        shares = rng.dirichlet(parameter * len(dense) * density / density.sum())
+        for one, value in zip(dense, (shares * density.sum()).tolist(), strict=True):
             one["density"] = value
-    return found
+    return redealt_plantings
 
 
 def in_season(
@@ -290,7 +290,7 @@ class Plan:
 
     @property
     def count(self) -> int:
-        """Return how many scenes it has."""
+        """Number of its scenes."""
         return self.head.count or vary.cells_of_grid(self.varied)
 
 
@@ -387,7 +387,7 @@ def _bases(tables: dict[str, Any], folder: Path) -> tuple[Base, ...]:
         given = [{"scene": tables["scene"]}, *given]
     if not given or not isinstance(given, list):
         raise SpecError("scenes", "are missing; give a [scene], or [[scenes]] with file or scene")
-    found = []
+    bases = []
     for number, one in enumerate(given):
         place = f"scenes[{number}]"
         if not isinstance(one, dict) or ("file" in one) == ("scene" in one):
@@ -401,8 +401,8 @@ def _bases(tables: dict[str, Any], folder: Path) -> tuple[Base, ...]:
             file = folder / str(one["file"])
             table, root = without_version(read_tables(file), str(file))[0], file.parent
         name = str(one.get("name", Path(str(one.get("file", f"scene-{number}"))).stem))
-        found.append(Base(name, table, root.resolve(), float(weight)))
-    return tuple(found)
+        bases.append(Base(name, table, root.resolve(), float(weight)))
+    return tuple(bases)
 
 
 def recipes(plan: Plan, numbers: Sequence[int] | None = None) -> list[Recipe]:
@@ -413,20 +413,20 @@ def recipes(plan: Plan, numbers: Sequence[int] | None = None) -> list[Recipe]:
     SpecError : a scene whose values cannot be used; says which.
     """
     drawn = vary.draw(plan.varied, plan.head.seed, plan.count)
-    found = []
+    drawn_recipes = []
     for number in range(plan.count) if numbers is None else numbers:
         base = _base_of(plan, number)
         try:
-            found.append(_recipe(plan, number, base, drawn[number]))
-            if found[-1].scene.get("tiles"):
+            drawn_recipes.append(_recipe(plan, number, base, drawn[number]))
+            if drawn_recipes[-1].scene.get("tiles"):
                 raise SpecError("tiles", "are for one large field (headless run); take them away")
         except SpecError as problem:
             raise SpecError(
                 str(plan.path), f"scene {number:06d}: {problem.key}: {problem.problem}"
             ) from None
     if not plan.splits.share_trees:
-        _refuse_shared_trees(plan, found)
-    return found
+        _refuse_shared_trees(plan, drawn_recipes)
+    return drawn_recipes
 
 
 def _refuse_shared_trees(plan: Plan, found: Sequence[Recipe]) -> None:
@@ -510,10 +510,10 @@ def idle_in_plan(plan: Plan) -> list[str]:
     """Sentences about settings that have no effect in any of a plan's first scenes."""
     count = min(plan.count, LOOKED_AT)
     drawn = vary.draw(plan.varied, plan.head.seed, count)
-    found = [_idle_in(plan, number, drawn[number]) for number in range(count)]
+    sentences = [_idle_in(plan, number, drawn[number]) for number in range(count)]
     tables = [(key, getattr(plan, key)) for key in ("splits", "keep")]
     always = [f"{key}.{sentence}" for key, group in tables for sentence in idle(group)]
-    return always + [one for one in found[0] if all(one in other for other in found)]
+    return always + [one for one in sentences[0] if all(one in other for other in sentences)]
 
 
 def _idle_in(plan: Plan, number: int, drawn: dict[str, Any]) -> list[str]:
@@ -582,7 +582,7 @@ def split_of(plan: Plan, number: int) -> str:
 
 
 def _dealt(things: list[str], plan: Plan, what: str) -> dict[str, list[str]]:
-    """Return which of some things each split has; every split that is to have scenes has at least one."""
+    """Shares of a list by split; every split that is to have scenes has at least one."""
     wanted = [split for split in SPLITS if getattr(plan.splits, split) > 0]
     if len(things) < len(wanted):
         raise SpecError(
@@ -591,9 +591,9 @@ def _dealt(things: list[str], plan: Plan, what: str) -> dict[str, list[str]]:
         )
     order = [things[k] for k in stream(plan.head.seed, "deal", what).permutation(len(things))]
     dealt = {split: [order[number]] for number, split in enumerate(wanted)}
-    for thing in order[len(wanted) :]:
+    for obj in order[len(wanted) :]:
         lacking = max(wanted, key=lambda s: getattr(plan.splits, s) / len(dealt[s]))
-        dealt[lacking].append(thing)
+        dealt[lacking].append(obj)
     return {split: sorted(mine, key=things.index) for split, mine in dealt.items()}
 
 

@@ -231,36 +231,36 @@ def _observe(
     folder, (cells, forest) = work.folder, truth
     with work.stage(OBSERVING):
         way = observer.way(sensor, folder)
-        found = observer.observe(sensor, settings, None, folder, way)
-        empty = observer.empty(sensor, settings, found, folder, way)
+        result = observer.observe(sensor, settings, None, folder, way)
+        empty = observer.empty(sensor, settings, result, folder, way)
         if empty:
             work.empty[sensor.name] = empty
     with work.stage("write"):
         is_cloud = results_of(sensor).is_cloud
         if not is_cloud or keep.clouds != "npz":
-            write_finding(folder, sensor, found, Offset.of(settings))
+            write_finding(folder, sensor, result, Offset.of(settings))
         if is_cloud:
-            work.points[sensor.name] = len(found)
+            work.points[sensor.name] = len(result)
             if keep.clouds != "laz":
                 path = folder / f"{sensor.name}-points.npz"
-                write_rows(path, records(found, settings.offset), packed=False)
+                write_rows(path, records(result, settings.offset), packed=False)
     if not is_cloud:
         return
     if keep.for_instance:
         with work.stage("write"):
-            order = orders_of(found.returns, observer.geometry, forest)
+            order = orders_of(result.returns, observer.geometry, forest)
             path = folder / f"{sensor.name}-forinstance.laz"
-            write_for_instance(path, found, order, settings.plantings, settings.offset)
+            write_for_instance(path, result, order, settings.plantings, settings.offset)
     with work.stage("occlusion"):
         observer.prepare(sensor, way)
         scan = lidar.Scan(sensor, observer.eyes(sensor), settings.seed, way)
         if keep.occlusion and cells is not None:
-            arrays = occlusion(scan, found, cells, keep.occlusion)
+            arrays = occlusion(scan, result, cells, keep.occlusion)
             arrays |= {"origin": np.array(settings.offset)}
             units = {"edge": "m", "origin": "m"}
             write_npz(folder / f"{sensor.name}-occlusion.npz", arrays, units)
         if keep.hidden:
-            arrays = on_the_line(scan, observer.caster, found, keep.hidden)
+            arrays = on_the_line(scan, observer.caster, result, keep.hidden)
             write_npz(folder / f"{sensor.name}-hidden.npz", arrays, {"distance": "m"})
 
 
@@ -301,12 +301,12 @@ def _no_trees(settings: Scene, forest: GrownForest) -> dict[str, str]:
 
 def _digests(forest: GrownForest) -> dict[str, str]:
     """A digest of every grown tree: by it a tree is known again in another scene."""
-    found = {}
+    digests = {}
     for (planting, variant), tree in sorted(forest.variants.items()):
         total = hashlib.blake2b(tree.mesh.vertices.tobytes(), digest_size=16)
         total.update(tree.mesh.triangles.tobytes())
-        found[f"{forest.labels[planting]}.{variant:03d}"] = total.hexdigest()
-    return found
+        digests[f"{forest.labels[planting]}.{variant:03d}"] = total.hexdigest()
+    return digests
 
 
 def camera_rays(scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -339,7 +339,7 @@ def write_segments(
     """
     place, ways = camera_rays(scene)
     flat = ways.reshape(-1, 3)
-    found = []
+    segment_rows = []
     for first in range(0, len(flat), AT_ONCE):
         some = flat[first : first + AT_ONCE]
         hits = caster.cast(np.broadcast_to(place, some.shape), some)
@@ -347,7 +347,7 @@ def write_segments(
         order = orders_of(returns, caster.scene, forest)
         classes, tree = classes_of(returns, order, plantings)
         segment = tree.astype(np.int64) * EIGHT + classes
-        found.append(np.where(hits.found & (segment <= MOST_SEGMENT), segment, 0))
-    numbers = np.concatenate(found).reshape(ways.shape[:2])
+        segment_rows.append(np.where(hits.found & (segment <= MOST_SEGMENT), segment, 0))
+    numbers = np.concatenate(segment_rows).reshape(ways.shape[:2])
     colours = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=2)
     write_whole(path, write_png(colours / 255.0))

@@ -134,7 +134,7 @@ def _is_number(value: Any) -> bool:
 
 
 def cells_of_grid(varied: Sequence[Varied]) -> int:
-    """Return how many combinations the grids among them have; 1 without any."""
+    """Number of combinations of the grids among them; 1 without any."""
     return math.prod(len(one.given) for one in varied if one.kind == "grid")
 
 
@@ -227,40 +227,40 @@ def randomised(head: Head, scenes: Sequence[Mapping[str, Any]], plan: Mapping[st
     if head.count == 0:
         said = f'is needed beside randomise = "{head.randomise}"; give the number of scenes'
         raise SpecError("count", said)
-    found: dict[str, Any] = {
+    table: dict[str, Any] = {
         "forest.undergrowth": UNDERGROWTH,
         "terrain.relief": {"uniform": list(RELIEF)},
         "mix.season": SEASON,
     }
-    found |= _of_species(plan.get("mix", {}), scenes)
+    table |= _of_species(plan.get("mix", {}), scenes)
     sensors = [sensor for scene in scenes for sensor in scene.get("sensors", [])]
     kinds = {sensor.get("kind") for sensor in sensors}
     if kinds & {*PLATFORMS, "sonar"}:
-        found["wind.speed"] = {"uniform": list(WIND)}
+        table["wind.speed"] = {"uniform": list(WIND)}
     if sensors and kinds <= set(PLATFORMS):
-        found |= _of_scanners(sensors, kinds)
+        table |= _of_scanners(sensors, kinds)
     receivers = [sensor.get("receiver") for sensor in sensors]
     if kinds == {"sonar"} and all(isinstance(one, Mapping) for one in receivers):
-        found |= _of_receivers(receivers)
-    return found | own
+        table |= _of_receivers(receivers)
+    return table | own
 
 
 def _of_species(mix: Mapping[str, Any], scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return what varies of species: of a mix, or the shares of the plantings of a scene."""
-    found: dict[str, Any] = {}
+    """Variations of species: of a mix, or the shares of the plantings of a scene."""
+    table: dict[str, Any] = {}
     if mix.get("species"):
         most = min(RANDOMISE_KINDS[1], len(mix["species"]))
-        found["mix.kinds"] = {"integers": [RANDOMISE_KINDS[0], most], "times": 2}
-        found["mix.evenness"] = {"log_uniform": list(EVENNESS)}
+        table["mix.kinds"] = {"integers": [RANDOMISE_KINDS[0], most], "times": 2}
+        table["mix.evenness"] = {"log_uniform": list(EVENNESS)}
         density = float(mix.get("density", Mix().density))
-        found["mix.density"] = {"log_uniform": [density * end for end in DENSITY]}
+        table["mix.density"] = {"log_uniform": [density * end for end in DENSITY]}
     elif any(len(scene.get("plantings", [])) > 1 for scene in scenes):
-        found["mix.redealt"] = {"log_uniform": list(EVENNESS)}
-    return found
+        table["mix.redealt"] = {"log_uniform": list(EVENNESS)}
+    return table
 
 
 def _of_scanners(sensors: Sequence[Mapping[str, Any]], kinds: set[Any]) -> dict[str, Any]:
-    """Return what varies of scanners, where every sensor of a plan is one."""
+    """Variations of scanners, where every sensor of a plan is one."""
     able = [name for name in scanner_names() if kinds <= set(read_scanner(name).tables)]
     tables = [read_scanner(name).tables[kind] for name in able for kind in kinds]
     spread = [
@@ -289,17 +289,17 @@ def _of_scanners(sensors: Sequence[Mapping[str, Any]], kinds: set[Any]) -> dict[
 
 
 def _of_receivers(receivers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return what varies of sonars' receivers, where every sensor of a plan has one."""
-    found: dict[str, Any] = {}
+    """Variations of sonars' receivers, where every sensor of a plan has one."""
+    table: dict[str, Any] = {}
     if all("source_level_db" in one for one in receivers):
-        found["sensors[*].receiver.source_level_db"] = {"uniform": list(SOURCE_LEVEL)}
+        table["sensors[*].receiver.source_level_db"] = {"uniform": list(SOURCE_LEVEL)}
     noise = [float(one["self_noise_db"]) for one in receivers if "self_noise_db" in one]
     if len(noise) == len(receivers):
         low, high = min(noise) - SELF_NOISE, max(noise) + SELF_NOISE
-        found["sensors[*].receiver.self_noise_db"] = {"uniform": [low, high]}
+        table["sensors[*].receiver.self_noise_db"] = {"uniform": [low, high]}
     if all(one.get("ambient") == "wind" for one in receivers):
-        found["sensors[*].receiver.wind_speed"] = {"uniform": [0.5, WIND[1]]}
-    return found
+        table["sensors[*].receiver.wind_speed"] = {"uniform": [0.5, WIND[1]]}
+    return table
 
 
 def threshold_at(reach: float, table: Mapping[str, Any]) -> float:

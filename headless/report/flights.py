@@ -36,11 +36,11 @@ def draw_flights(path: Path, cells: Sequence[Any], cell: Any, world: Any, title:
         extent = (low[0] - 5, high[0] + 5, low[1] - 5, high[1] + 5)
         above.imshow(view.picture, extent=extent, aspect="equal", interpolation="nearest")
         forest = cell.tracks[0].forest
-        mine = [track for track in cell.tracks if track.forest == forest]
+        tracks = [track for track in cell.tracks if track.forest == forest]
         for end, colour in ENDS.items():
-            lines = [track.position[:, :2] for track in mine if track.end == end]
+            lines = [track.position[:, :2] for track in tracks if track.end == end]
             above.add_collection(LineCollection(lines, colors=colour, linewidths=0.9, label=end))
-        stops = np.array([t.position[-1, :2] for t in mine if t.end == "crashed"]).reshape(-1, 2)
+        stops = np.array([t.position[-1, :2] for t in tracks if t.end == "crashed"]).reshape(-1, 2)
         above.plot(*stops.T, "x", color=RED, ms=4)
         above.set(xlabel="x, m", ylabel="y, m", title=f"{title}, {cell.speed:g} m/s")
         above.legend(loc="lower right", facecolor="white", frameon=True, framealpha=0.8)
@@ -51,10 +51,10 @@ def draw_flights(path: Path, cells: Sequence[Any], cell: Any, world: Any, title:
 def success_curves(axes: Any, cells: Sequence[Any]) -> None:
     """Share that arrives against speed, a line a density, with intervals of 95 %."""
     for colour, density in zip(LINES, sorted({cell.density for cell in cells}), strict=False):
-        mine = sorted((c for c in cells if c.density == density), key=lambda c: c.speed)
-        share = np.array([c.arrived / len(c.tracks) for c in mine])
-        ends = np.array([interval(c.arrived, len(c.tracks)) for c in mine])
-        speed = [c.speed for c in mine]
+        of_density = sorted((c for c in cells if c.density == density), key=lambda c: c.speed)
+        share = np.array([c.arrived / len(c.tracks) for c in of_density])
+        ends = np.array([interval(c.arrived, len(c.tracks)) for c in of_density])
+        speed = [c.speed for c in of_density]
         error = np.maximum(np.stack([share - ends[:, 0], ends[:, 1] - share]), 0)
         axes.errorbar(
             speed,
@@ -65,7 +65,7 @@ def success_curves(axes: Any, cells: Sequence[Any]) -> None:
             ms=4,
             lw=1.3,
             capsize=2,
-            label=f"{mine[0].trees:.3g} trees/m²",
+            label=f"{of_density[0].trees:.3g} trees/m²",
         )
     axes.set(xlabel="speed, m/s", ylabel="share that arrives", ylim=(-0.03, 1.05), title="Success")
     axes.grid(color=FAINT, lw=0.4)

@@ -98,7 +98,7 @@ def draw_stand(
 
 
 def colours_in_words(labels: Sequence[str]) -> str:
-    """Return which colour a species has in the map."""
+    """Colour of a species in the map."""
     names = list(SPECIES)
     said = (f"{label} {names[k % len(names)]}" for k, label in enumerate(labels))
     return f"In the map: {', '.join(said)}."
@@ -153,7 +153,7 @@ LAYOUTS = {
 
 
 def _stand_in_words(settings: Scene, removed: int) -> str:
-    """Return how the trees of a scene are placed, as its settings say; ``removed``: to keep distances."""
+    """Words for how the trees of a scene are placed by its settings; ``removed``: to keep distances."""
     layouts = {planting.layout for planting in settings.plantings}
     if not layouts:
         return "A field without trees"
@@ -171,7 +171,7 @@ def _stand_in_words(settings: Scene, removed: int) -> str:
 
 
 def _stand_notes(settings: Scene, forest: GrownForest) -> Iterator[str]:
-    """Return what was expected, what was taken away and why."""
+    """Sentences on what was expected, what was taken away and why."""
     stand = forest.stand
     sums = [
         f"{label} {value:,.1f} ± {error:.2g}"
@@ -199,7 +199,7 @@ def _stand_notes(settings: Scene, forest: GrownForest) -> Iterator[str]:
 
 
 def targets_finding(met: Sequence[TargetsMet]) -> Finding | None:
-    """Return what trees were to measure and what they do; None where nobody asked."""
+    """Measures that trees were to have and those they have; None where nobody asked."""
     if not met:
         return None
     told: dict[str, str] = {}
@@ -245,7 +245,7 @@ def goodness_finding(found: Goodness, picture: Path | None) -> Finding:
 
 
 def finding_of(sensor: Sensor, found: Any, picture: Path | None, seen: Seen) -> Finding:
-    """Return what a sensor has to say of what it found in a scene."""
+    """Finding of a sensor in a scene, for the report."""
     record = results_of(sensor)
     figures = record.figures(sensor, found, seen)
     return Finding(
@@ -484,7 +484,7 @@ def _met(names: Sequence[str], number: np.ndarray) -> list[str]:
 
 
 def _packed(cloud: Cloud, rows: np.ndarray, species: Sequence[str]) -> tuple[dict[str, Any], str]:
-    """Return what the viewer has to know, and the bytes."""
+    """Description for the viewer, and the bytes."""
     position = cloud.position[rows]
     corner = position.min(axis=0)
     size = position.max(axis=0) - corner

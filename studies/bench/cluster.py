@@ -164,7 +164,7 @@ def _wait_for(happened: Callable[[], bool]) -> None:
 
 
 def _finished(out: Path) -> int:
-    """Return how often a scene was finished; one that two workers made counts twice."""
+    """Number of times that a scene was finished; one that two workers made counts twice."""
     made = out / MADE
     return made.stat().st_size // LINE if made.is_file() else 0
 

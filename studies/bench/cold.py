@@ -39,11 +39,11 @@ def measure(section: str, name: str) -> None:
     """Print one row; to be called in a process that has imported nothing yet."""
     call, error = JOBS[section][name]()
     start = time.process_time()
-    found = call()
+    returned = call()
     first = time.process_time()
     call()
     last = time.process_time()
-    print(f"{start:.2f};{1e3 * (first - start):.1f};{1e3 * (last - first):.1f};{error(found)}")
+    print(f"{start:.2f};{1e3 * (first - start):.1f};{1e3 * (last - first):.1f};{error(returned)}")
 
 
 def _points() -> Job:

@@ -103,10 +103,10 @@ def _lidar() -> list[Mark]:
 
     def first(subrays: int) -> np.ndarray:
         cloud = scan(replace(scanner, beam=replace(BEAM, subrays=subrays, max_returns=15)), caster)
-        found = np.full(cloud.pulses, np.nan)
+        ranges = np.full(cloud.pulses, np.nan)
         leading = cloud.number == 1
-        found[cloud.pulse[leading]] = cloud.true_range[leading]
-        return found
+        ranges[cloud.pulse[leading]] = cloud.true_range[leading]
+        return ranges
 
     true = first(MANY)
     middle = float(np.nanmedian(true))

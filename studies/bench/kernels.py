@@ -133,10 +133,10 @@ def _pulses() -> Iterator[Row]:
             reference = work.look_at(SEEN).returns.distance
 
         def error(work: Scan = work, reference: np.ndarray = reference) -> str:
-            found = work.look_at(SEEN).returns.distance
-            if len(found) != len(reference):
-                return f"{len(found) - len(reference):+d} returns"
-            return f"{np.abs(found - reference).max():.0e} m"
+            distance = work.look_at(SEEN).returns.distance
+            if len(distance) != len(reference):
+                return f"{len(distance) - len(reference):+d} returns"
+            return f"{np.abs(distance - reference).max():.0e} m"
 
         axes = work.pattern.pulses(SEEN)
         seconds = subrays * _alone(caster, axes.origin, axes.direction)
@@ -155,9 +155,9 @@ def _pings() -> Iterator[Row]:
             )  # fmt: skip
 
             def error(one: Sonar = one) -> str:
-                found = ping(targets, one, Air()).impulse_response
+                response = ping(targets, one, Air()).impulse_response
                 whole = ping(targets, one.changed(tolerance=0.0), Air()).impulse_response
-                return f"{np.linalg.norm(found - whole) / np.linalg.norm(whole):.0e}"
+                return f"{np.linalg.norm(response - whole) / np.linalg.norm(whole):.0e}"
 
             what = f"pings, {model}" + (" with wood" if wood else "")
             yield what, 1, lambda one=one: ping(targets, one, Air()), error, "-"

@@ -269,12 +269,12 @@ def _motion(scene: SceneGeometry, moving: int, bending: int) -> SceneMotion:
 
 def _path(transform: np.ndarray) -> RigidPath:
     time = np.linspace(0, 1, 25)
-    found = np.repeat(transform[None], len(time), axis=0)
-    found[:, 0, 3] += time
-    found[:, 0, 0] = found[:, 1, 1] = np.cos(time)
-    found[:, 1, 0] = np.sin(time)
-    found[:, 0, 1] = -np.sin(time)
-    return RigidPath(time, found)
+    transforms = np.repeat(transform[None], len(time), axis=0)
+    transforms[:, 0, 3] += time
+    transforms[:, 0, 0] = transforms[:, 1, 1] = np.cos(time)
+    transforms[:, 1, 0] = np.sin(time)
+    transforms[:, 0, 1] = -np.sin(time)
+    return RigidPath(time, transforms)
 
 
 def _bodies() -> SceneGeometry:

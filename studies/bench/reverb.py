@@ -172,11 +172,11 @@ def _measures(say: Say) -> None:
         decay = energy_decay_db(exact)
         heard = decay > -60.0
         for tolerance in (1e-2, 1e-4, 1e-6):
-            found = Expansions().sum(paths, 24e3, size, AIR, tolerance).samples
-            error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
-            t60 = reverberation_time(found, 24e3) - reverberation_time(exact, 24e3)
-            c50 = clarity_db(found, 24e3) - clarity_db(exact, 24e3)
-            edc = np.abs(energy_decay_db(found) - decay)[heard].max()
+            samples = Expansions().sum(paths, 24e3, size, AIR, tolerance).samples
+            error = np.linalg.norm(samples - exact) / np.linalg.norm(exact)
+            t60 = reverberation_time(samples, 24e3) - reverberation_time(exact, 24e3)
+            c50 = clarity_db(samples, 24e3) - clarity_db(exact, 24e3)
+            edc = np.abs(energy_decay_db(samples) - decay)[heard].max()
             rows.append(
                 [
                     f"{distance:g} m",
@@ -258,8 +258,8 @@ def _octave_errors(paths: TrunkPaths, rate: float, samples: np.ndarray) -> tuple
     while 1.5 * octave < 0.45 * rate:
         frequency = rng.uniform(octave, min(2 * octave, 0.45 * rate), 2)
         exact = _spectrum(paths, frequency)
-        found = _heard_at(frequency, samples, rate)
-        gaps.append(np.sqrt(octave) * np.linalg.norm(found - exact))
+        summed = _heard_at(frequency, samples, rate)
+        gaps.append(np.sqrt(octave) * np.linalg.norm(summed - exact))
         wholes.append(np.sqrt(octave) * np.linalg.norm(exact))
         octave *= 2
     ratio = np.array(gaps) / np.array(wholes)
@@ -317,10 +317,10 @@ def _all_terms_of(count: int, radii: tuple[float, float], leafy: bool) -> None:
     prepared, spent = Expansions(), []
     for _ in range(3 if count < 1_000_000 else 2):
         start = time.process_time()
-        found = impulse_response(trunks, reverb, AIR, field=field, expansions=prepared)
+        response = impulse_response(trunks, reverb, AIR, field=field, expansions=prepared)
         spent.append(1e3 * (time.process_time() - start))
-    error, peak = max(found.errors.values(), default=0.0), peak_memory_mb() or 0.0
-    print(f"{spent[0]:.0f} {min(spent[1:]):.0f} {found.joint:.2f} {error:.1e} {peak:.0f}")
+    error, peak = max(response.errors.values(), default=0.0), peak_memory_mb() or 0.0
+    print(f"{spent[0]:.0f} {min(spent[1:]):.0f} {response.joint:.2f} {error:.1e} {peak:.0f}")
 
 
 def _single_against_multiple(say: Say) -> None:
@@ -331,14 +331,14 @@ def _single_against_multiple(say: Say) -> None:
     third = 62.5 * 2.0 ** (np.arange(13) / 3)
     for density in (0.005, 0.01, 0.02, 0.05):
         side = np.sqrt(60 / density)
-        found = []
+        errors = []
         for seed in range(3):
             rng = stream(7, "bench", "stand", seed)
             place = rng.uniform(-side / 2, side / 2, (60, 2))
             trunks = Trunks(place, np.full(60, 0.15), np.arange(60))
-            found.append(model_error(trunks, ends[0], ends[1], 60, AIR, third))
-        error = np.median([each.relative for each in found])
-        level = np.median([each.level_db for each in found])
+            errors.append(model_error(trunks, ends[0], ends[1], 60, AIR, third))
+        error = np.median([each.relative for each in errors])
+        level = np.median([each.level_db for each in errors])
         rows.append([f"{density:g}", f"{100 * error:.0f} %", f"{level:+.1f}"])
     table(say, ["trunks/m²", "relative L2 error", "level, dB"], rows)
 

@@ -71,11 +71,11 @@ def _bench_k(say: Say) -> None:
         window, points = _field(), _rising(count, 0)
         radii = choose_radii(points, window)
         radius = float(radii[-1])
-        found = [
+        estimates = [
             inhomogeneous_k(trees, _rise(trees), window, radii)
             for trees in (_rising(count, seed) for seed in range(_seeds(count)))
         ]
-        ratios = np.array([k.value[-1] for k in found]) / (np.pi * radius**2)
+        ratios = np.array([k.value[-1] for k in estimates]) / (np.pi * radius**2)
         seconds = median_seconds(
             lambda p=points, r=radii, w=window: inhomogeneous_k(p, _rise(p), w, r)
         )
@@ -83,7 +83,7 @@ def _bench_k(say: Say) -> None:
             [
                 f"{count:,}",
                 f"{radius:.1f}",
-                f"{found[0].pairs:,}",
+                f"{estimates[0].pairs:,}",
                 f"{seconds:.4f}",
                 f"{np.mean(ratios) - 1:+.4f} ± {np.std(ratios) / np.sqrt(len(ratios)):.4f}",
                 f"{np.sqrt(np.mean((ratios - 1) ** 2)):.4f}",

@@ -117,13 +117,13 @@ def plant(kind: int, number: int, seed: int) -> LeafDiscs:
 def picture_of(kind: int, number: int, turns: int, seed: int) -> np.ndarray:
     """(turns, ears, bands, bins) cochleagrams of a plant from all around it."""
     leaves, air, equipment = plant(kind, number, seed), Air(), Equipment.of(SONAR)
-    found = []
+    sounds = []
     for turn in 2 * np.pi * np.arange(turns) / turns:
         ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
         pose = SonarPose(-AWAY * ahead, frame_of(float(turn), 0.0), np.zeros(3))
         sound = ping(leaves, SONAR, air, pose=pose, equipment=equipment).waveforms
-        found.append(cochleagram(sound, SONAR).astype(np.float32))
-    return np.array(found)
+        sounds.append(cochleagram(sound, SONAR).astype(np.float32))
+    return np.array(sounds)
 
 
 def reduced(heard: np.ndarray) -> np.ndarray:
@@ -131,8 +131,8 @@ def reduced(heard: np.ndarray) -> np.ndarray:
     rows = heard.reshape(-1, heard.shape[-1]).astype(np.float64)
     rows -= rows.mean(axis=0)
     _, axes = np.linalg.eigh(rows.T @ rows)
-    found = rows @ axes[:, : -COMPONENTS - 1 : -1]
-    return found.reshape(*heard.shape[:-1], -1)
+    components = rows @ axes[:, : -COMPONENTS - 1 : -1]
+    return components.reshape(*heard.shape[:-1], -1)
 
 
 def errors(heard: np.ndarray, emissions: int, seed: int) -> tuple[float, float]:

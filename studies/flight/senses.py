@@ -113,7 +113,7 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
 
 
 def arrived(tracks: list[Track]) -> int:
-    """Return how many of some flights came through."""
+    """Number of flights that came through."""
     return sum(track.end == "arrived" for track in tracks)
 
 

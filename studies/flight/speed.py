@@ -112,7 +112,7 @@ def arrived(cell: SpeedCell) -> float:
 
 
 def through(cell: SpeedCell) -> int:
-    """Return how many come through."""
+    """Number that come through."""
     return sum(t.end == "arrived" for t in cell.tracks)
 
 

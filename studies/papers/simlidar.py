@@ -229,7 +229,7 @@ Row = dict[
 
 
 def orchard_of(row: Row) -> Orchard:
-    """Return which orchard a row is of."""
+    """Orchard that a row is of."""
     return Orchard(*(row[name] for name in ASKED))
 
 

@@ -155,21 +155,21 @@ def run_ablations(
     real = list(measured_trees(data / "wood"))
     if not real:
         raise SpecError(f"--data {data}", "has no measured tree in wood/")
-    found: list[AblationScore] = []
+    scores: list[AblationScore] = []
     for way in WAYS_MADE:
         count = 2 * plots if way.name == ALL else plots
         path = write_plan_of(way, out / way.name.replace('"', "").replace(" ", "-"), count, seed)
         began = time.process_time()
         make_dataset(read_plan(path), path.parent / "plots", Asked(Cluster(workers=1), quiet=True))
         ours = read_plots(path.parent / "plots")
-        found += _scores(way.name, ours[:plots], real, seeds, seed)
+        scores += _scores(way.name, ours[:plots], real, seeds, seed)
         if way.name == ALL:
-            found += _curve(ours, real, seeds, seed)
+            scores += _curve(ours, real, seeds, seed)
         keys = AblationScore.__dataclass_fields__
-        write_csv(out / "ablations.csv", {k: [getattr(row, k) for row in found] for k in keys})
-        here = [f"{row.what} {row.cloud} {row.iou:.3f}" for row in found if row.way == way.name]
+        write_csv(out / "ablations.csv", {k: [getattr(row, k) for row in scores] for k in keys})
+        here = [f"{row.what} {row.cloud} {row.iou:.3f}" for row in scores if row.way == way.name]
         say(f"{way.name}: {time.process_time() - began:.0f} CPU s of learning; {', '.join(here)}")
-    return found
+    return scores
 
 
 def write_plan_of(way: Away, folder: Path, count: int, seed: int) -> Path:
@@ -191,37 +191,37 @@ def _scores(
     way: str, ours: Sequence[Labelled], real: Sequence[Labelled], seeds: int, seed: int
 ) -> list[AblationScore]:
     """Scores of learning from two thirds of some plots, by seed and cloud."""
-    found = []
+    scores = []
     for number in range(seeds):
-        mine = some_of(ours, seed * 1000 + number) if len(ours) > 2 else list(ours)
-        found += _learned(way, mine, real, number)
-    return found
+        chosen_plots = some_of(ours, seed * 1000 + number) if len(ours) > 2 else list(ours)
+        scores += _learned(way, chosen_plots, real, number)
+    return scores
 
 
 def _curve(
     ours: Sequence[Labelled], real: Sequence[Labelled], seeds: int, seed: int
 ) -> list[AblationScore]:
     """Scores by how many plots were learned from, each seed in an order of its own."""
-    found = []
+    scores = []
     for count in sorted({2**k for k in range(10) if 2**k < len(ours)} | {len(ours)}):
         for number in range(seeds):
             turn = stream(seed, "curve", number).permutation(len(ours))[:count]
-            found += _learned(CURVE, [ours[k] for k in turn.tolist()], real, number)
-    return found
+            scores += _learned(CURVE, [ours[k] for k in turn.tolist()], real, number)
+    return scores
 
 
 def _learned(
     way: str, plots: Sequence[Labelled], real: Sequence[Labelled], number: int
 ) -> list[AblationScore]:
     """Scores on the real clouds of a classifier that learned from some plots."""
-    found = []
+    scores = []
     for what in ("stem", "wood"):
         clouds = [cloud for cloud in real if getattr(cloud, what) is not None]
         learner = train(taught(plots, what, number), number) if clouds else None
         for cloud in clouds:
             got = scored(learner, cloud, what)
-            found.append(AblationScore(way, len(plots), cloud.name, what, number, got.iou, got.f1))
-    return found
+            scores.append(AblationScore(way, len(plots), cloud.name, what, number, got.iou, got.f1))
+    return scores
 
 
 def differences(found: Sequence[AblationScore]) -> Mapping[tuple[str, str, str], np.ndarray]:

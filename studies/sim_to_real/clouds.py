@@ -67,10 +67,12 @@ def follow_stem(points: np.ndarray, height: np.ndarray, seed: int = 0) -> Stem |
     rows, last, misses = [], None, 0
     layers = np.arange(0.3, height.max(), CIRCLE_LAYER)
     for low in layers:
-        mine = points[(height >= low) & (height < low + CIRCLE_LAYER), :2]
+        layer_points = points[(height >= low) & (height < low + CIRCLE_LAYER), :2]
         if last is not None:
-            mine = mine[np.linalg.norm(mine - last[:2], axis=1) < last[2] + 0.15]
-        circle = _circle(mine, last, rng)
+            layer_points = layer_points[
+                np.linalg.norm(layer_points - last[:2], axis=1) < last[2] + 0.15
+            ]
+        circle = _circle(layer_points, last, rng)
         if circle is None:
             misses += last is not None
             if misses * CIRCLE_LAYER > LOST:
@@ -210,17 +212,17 @@ def ground_below(points: np.ndarray, edge: float = 1.0) -> np.ndarray:
     known, value = (np.argwhere(good) + 0.5) * edge, low[good]
     place = points[:, :2] - points[:, :2].min(axis=0)
     flat = np.ptp(known, axis=0).min() == 0  # a line of squares has no triangles
-    found = np.full(len(place), np.nan) if flat else griddata(known, value, place)
+    heights = np.full(len(place), np.nan) if flat else griddata(known, value, place)
     nearest = value[cKDTree(known).query(place)[1]]
-    return np.where(np.isnan(found), nearest, found)
+    return np.where(np.isnan(heights), nearest, heights)
 
 
 def features_of(cells: VoxelCells) -> np.ndarray:
     """(C, len(NAMES)) float32 features of cells."""
     centre = cells.centre - cells.centre.min(axis=0)
     shapes = [_shapes(centre, *scale) for scale in SCALES]
-    found = np.column_stack([*shapes, *_columns(centre), *_boxes(centre)])
-    return np.nan_to_num(found, nan=0.0).astype(np.float32)
+    features = np.column_stack([*shapes, *_columns(centre), *_boxes(centre)])
+    return np.nan_to_num(features, nan=0.0).astype(np.float32)
 
 
 def _shapes(centre: np.ndarray, edge: float, radius: float) -> np.ndarray:
@@ -240,15 +242,15 @@ def _columns(centre: np.ndarray) -> list[np.ndarray]:
     filled = np.zeros(np.add(index.max(axis=0), (1, 1, 1 + 2 * layers)), dtype=bool)
     index[:, 2] += layers
     filled[tuple(index.T)] = True
-    found = []
+    shares = []
     for wide in COLUMNS:
         column = maximum_filter(filled, size=(wide, wide, 1))
         sums = np.cumsum(column, axis=2, dtype=np.uint16)
         x, y, z = index.T
         above = sums[x, y, z + layers] - sums[x, y, z]
         below = sums[x, y, z - 1] - np.where(z > layers, sums[x, y, z - layers - 1], 0)
-        found += [above / layers, below / layers]
-    return found
+        shares += [above / layers, below / layers]
+    return shares
 
 
 def _boxes(centre: np.ndarray) -> list[np.ndarray]:
@@ -256,14 +258,14 @@ def _boxes(centre: np.ndarray) -> list[np.ndarray]:
     index = np.floor((centre - centre.min(axis=0)) / LAYER).astype(int)
     filled = np.zeros(index.max(axis=0) + 1, dtype=np.float32)
     filled[tuple(index.T)] = 1.0
-    found = []
+    shares = []
     for inner, outer in BOXES:
         few, many = (
             wide**2 * uniform_filter(filled, (wide, wide, 3), mode="constant")[tuple(index.T)]
             for wide in (inner, outer)
         )
-        found.append(few / np.maximum(many, 1e-6))
-    return found
+        shares.append(few / np.maximum(many, 1e-6))
+    return shares
 
 
 # Clouds with labels: plots of ours and of others by FOR-instance's names, and measured trees.
@@ -357,14 +359,14 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
 
 def near_cylinders(points: np.ndarray, table: np.ndarray, near: float = NEAR) -> np.ndarray:
     """(P,) whether points are on a cylinder of TreeQSM (K, 8+): radius, length, start, axis; metres."""
-    found = np.zeros(len(points), dtype=bool)
+    near_any = np.zeros(len(points), dtype=bool)
     for radius, length, *place in table[:, :8].tolist():
         start, axis = np.array(place[:3]), np.array(place[3:])
         step = points - start
         along = np.clip(step @ axis, 0.0, length)
         away = np.linalg.norm(step - along[:, None] * axis, axis=1) - radius
-        found |= np.abs(away) < near + LUMP * radius
-    return found
+        near_any |= np.abs(away) < near + LUMP * radius
+    return near_any
 
 
 def blurred(cloud: Labelled, spread: float, seed: int) -> Labelled:

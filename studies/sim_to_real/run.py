@@ -83,10 +83,10 @@ def wood_by_rules(points: np.ndarray) -> np.ndarray:
             wood = large_tree_3(np.asarray(points, dtype=np.float64))[0]
     finally:
         sys.meta_path.remove(finder)
-    found = np.zeros(len(points), dtype=bool)
+    is_wood = np.zeros(len(points), dtype=bool)
     if len(wood):
-        found[cKDTree(points).query(wood)[1]] = True
-    return found
+        is_wood[cKDTree(points).query(wood)[1]] = True
+    return is_wood
 
 
 class _SeparationFinder(PathFinder):
@@ -222,11 +222,11 @@ def cross_validated(cloud: Labelled, what: str, seed: int) -> tuple[np.ndarray, 
 
 def lent(cloud: Labelled, what: str, seed: int) -> tuple[Taught, np.ndarray]:
     """Rows of a tenth of a cloud's blocks, weighted, and which cells (C,) they are of."""
-    mine = _folds(cloud, seed, round(1 / LENT)) == 0
+    lent_cells = _folds(cloud, seed, round(1 / LENT)) == 0
     rows = cloud.counted()
-    rows = rows[mine[rows]]
+    rows = rows[lent_cells[rows]]
     weight = np.full(len(rows), HEAVIER)
-    return Taught(cloud.features[rows], getattr(cloud, what)[rows], weight), mine
+    return Taught(cloud.features[rows], getattr(cloud, what)[rows], weight), lent_cells
 
 
 def _folds(cloud: Labelled, seed: int, count: int) -> np.ndarray:
@@ -279,7 +279,7 @@ class StudyRow:
 
     @property
     def name(self) -> str:
-        """Return what is told of which cloud, in words."""
+        """Words for what is told of which cloud."""
         return (
             f"{self.what} of {self.cloud}"
             + (f" below {self.high:g} m" if self.high < 1e3 else "")
@@ -348,14 +348,14 @@ def run_study(asked: Request, out: Path, say: Say = print) -> StudyFindings:
 
 def read_plots(folder: Path) -> list[Labelled]:
     """Return the plots of a dataset of ours, all scans of a plot together, without its edge."""
-    found = []
+    plots = []
     for one in disk.scenes_done(folder):
         scene = read_scene_table(one.folder)
         low = np.array(scene.get("origin", (0.0, 0.0))) + EDGE
         high = low + np.array(scene["size"]) - 2 * EDGE
         within = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        found.append(read_scene(one.folder, within, str(one.record.get("base", ""))))
-    return found
+        plots.append(read_scene(one.folder, within, str(one.record.get("base", ""))))
+    return plots
 
 
 def blurred_plots(ours: Sequence[Labelled], seed: int) -> list[Labelled]:

@@ -88,20 +88,20 @@ def run_tasks(
         raise SpecError(f"--tool {tool}", said)
     plan = read_plan(find_plan(PLAN), [f"count={plots}", f"seed={seed}"])
     make_dataset(plan, out / "plots", Asked(Cluster(workers=1), quiet=True))
-    found = TaskFindings([], {}, {})
+    findings = TaskFindings([], {}, {})
     for name, kind, points, truth in [*_ours(out / "plots"), *_real(data)]:
         told = run_tool(program, points, out / "tool" / name)
         if isinstance(told, str):
-            found.failed[name] = told
+            findings.failed[name] = told
             told = np.empty((0, 4))
         trees, false = matched(name, kind, truth, told)
-        found.trees.extend(trees)
-        found.false[kind] = found.false.get(kind, 0) + false
+        findings.trees.extend(trees)
+        findings.false[kind] = findings.false.get(kind, 0) + false
         hits = sum(np.isfinite(tree.away) for tree in trees)
         say(f"{name}: {hits} of {len(trees)} stems, {false} that are none")
     keys = TaskTree.__dataclass_fields__
-    write_csv(out / "trees.csv", {k: [getattr(tree, k) for tree in found.trees] for k in keys})
-    return found
+    write_csv(out / "trees.csv", {k: [getattr(tree, k) for tree in findings.trees] for k in keys})
+    return findings
 
 
 def run_tool(program: str, points: np.ndarray, folder: Path) -> np.ndarray | str:

@@ -88,13 +88,13 @@ def stems_of(place: np.ndarray, height: np.ndarray) -> np.ndarray:
     pairs = cKDTree(cell).query_pairs(HANG, output_type="ndarray")
     joined = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cell),) * 2)
     label = connected_components(joined, directed=False)[1]
-    found = []
+    stems = []
     for group in range(label.max() + 1):
         stem = _stem(p, h, cell[label == group] * CELL + CELL / 2)
         if stem is not None:
-            found.append(stem)
+            stems.append(stem)
     kept: list[np.ndarray] = []
-    for stem in sorted(found, key=lambda stem: -stem[5]):
+    for stem in sorted(stems, key=lambda stem: -stem[5]):
         if all(np.hypot(*(stem[:2] - other[:2])) > 0.3 for other in kept):
             kept.append(stem)
     return np.array([stem[:5] for stem in kept]).reshape(-1, 5)
@@ -252,7 +252,7 @@ def _sums(
     block, light = blocks.of(cloud.place), 1 / np.maximum(cloud.count, 1)
     layer = np.floor(height).astype(int)
     high, first = height > GROUND, cloud.number == 1
-    found = {"profile": table(block[high], layer[high], LAYERS, light[high])}
+    sums = {"profile": table(block[high], layer[high], LAYERS, light[high])}
     away = np.linalg.norm(cloud.place - start, axis=1)
     known = np.isfinite(away)
     if known.any():
@@ -260,19 +260,19 @@ def _sums(
             lean = np.abs((start - cloud.place)[:, 2]) / away
         angle = np.degrees(np.arccos(np.clip(np.nan_to_num(lean), 0, 1))) // 5
         angle = angle.astype(int)
-        found["sent"] = table(block[known], angle[known], ANGLES, light[known])
+        sums["sent"] = table(block[known], angle[known], ANGLES, light[known])
         seen = known & ~high
-        found["gap"] = table(block[seen], angle[seen], ANGLES, light[seen])
+        sums["gap"] = table(block[seen], angle[seen], ANGLES, light[seen])
         seen = known & first
         many = np.minimum(cloud.count, MOST_RETURNS) - 1
         kind = (angle * MOST_RETURNS + many)[seen]
-        found["shares"] = table(block[seen], kind, ANGLES * MOST_RETURNS, np.ones(seen.sum()))
+        sums["shares"] = table(block[seen], kind, ANGLES * MOST_RETURNS, np.ones(seen.sum()))
         kind = np.searchsorted(RANGES, away[known])
-        found["range"] = table(block[known], kind, len(RANGES) + 1, light[known])
-        found |= _voxels(cloud, height, start, light, known, blocks)
-    found |= _echoes(cloud, blocks)
-    found |= _stems(cloud, height, away, stems, blocks)
-    return found
+        sums["range"] = table(block[known], kind, len(RANGES) + 1, light[known])
+        sums |= _voxels(cloud, height, start, light, known, blocks)
+    sums |= _echoes(cloud, blocks)
+    sums |= _stems(cloud, height, away, stems, blocks)
+    return sums
 
 
 def _echoes(cloud: CloudReturns, blocks: GroundBlocks) -> dict[str, np.ndarray]:
@@ -307,7 +307,7 @@ def _stems(
     on = band[np.abs(far - stems[near, 2]) < 0.03]
     whose = cKDTree(cloud.place[:, :2]).query(stems[:, :2])[1]
     one = np.zeros(len(stems), dtype=int)
-    found = {
+    tables = {
         "residual": table(block[whose], one, 1, 1000 * stems[:, 4]),
         "arc": table(block[whose], one, 1, stems[:, 3]),
         "stems": table(block[whose], one, 1, one + 1.0),
@@ -315,8 +315,8 @@ def _stems(
     if np.isfinite(away).any():
         kind = np.nan_to_num(away / 2.5, nan=0).astype(int)
         for name, rows in (("low", band), ("hits", on)):
-            found[name] = table(block[rows], kind[rows], STEM_RANGES, light[rows])
-    return found
+            tables[name] = table(block[rows], kind[rows], STEM_RANGES, light[rows])
+    return tables
 
 
 def _voxels(

@@ -107,11 +107,11 @@ def told(speed: float, trials: int, seed: int) -> dict[str, tuple[float, float]]
 
 def of_ears(seed: int) -> list[Comparison]:
     """Shares of ear motions that are told before a shrub that is stirred, by call."""
-    found = {
+    shares = {
         name: Interval(share, share - 2 * off, share + 2 * off)
         for name, (share, off) in told(STIRRED, TRIALS, seed).items()
     }
-    tone, both = found["tone"], found["tone and sweep"]
+    tone, both = shares["tone"], shares["tone and sweep"]
     words = (
         f"{TRIALS} echoes of a shrub in {STIRRED:g} m/s, four turns of the ear by 50° within 20 ms, named "
         "by ridge regression on spectrograms (ten folds; guessing: 0.25). Measured: an artificial ear before "

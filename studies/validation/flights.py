@@ -48,7 +48,7 @@ def shares_of(count: np.ndarray) -> np.ndarray:
 def halves_apart(cloud: FlownCloud, seed: int) -> dict[int, float]:
     """Distance, for each line, between the shares of single returns of random halves of its blocks: the
     95th percentile, as a share."""
-    rng, found = stream(seed, "validate", "halves of lines"), {}
+    rng, farthest = stream(seed, "validate", "halves of lines"), {}
     for number in np.unique(cloud.line).tolist():
         rows = (cloud.line == number) & (cloud.number == 1)
         cell = np.floor(cloud.place[rows][:, :2] / BLOCK).astype(np.int64)
@@ -61,8 +61,8 @@ def halves_apart(cloud: FlownCloud, seed: int) -> dict[int, float]:
             if half.any() and not half.all():
                 each = [single[h].sum() / many[h].sum() for h in (half, ~half)]
                 apart.append(abs(each[0] - each[1]))
-        found[number] = float(np.quantile(apart or [0.0], 0.95))
-    return found
+        farthest[number] = float(np.quantile(apart or [0.0], 0.95))
+    return farthest
 
 
 # Light of a cloud's returns from their intensities: scale, reflectances and the threshold of detection.
@@ -279,9 +279,9 @@ def _at(crown: np.ndarray, place: np.ndarray) -> np.ndarray:
     """(P,) tree whose crown is over places (P, 2), -1 where none is."""
     cell = np.floor(place / CELL).astype(int)
     inside = ((cell >= 0) & (cell < crown.shape)).all(axis=1)
-    found = np.full(len(place), -1)
-    found[inside] = crown[tuple(cell[inside].T)]
-    return found
+    tree_at = np.full(len(place), -1)
+    tree_at[inside] = crown[tuple(cell[inside].T)]
+    return tree_at
 
 
 def _on_plot(top: np.ndarray, area: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -548,12 +548,12 @@ def as_bright(read: ReadFlight, flown: tuple[Cloud, np.ndarray], plain: Mobile) 
     """
     cloud, (ours, inside) = read.cloud, flown
     real = (cloud.line == _nearest_nadir(read)) & (cloud.count == 1)
-    mine = inside & (ours.count == 1)
+    single = inside & (ours.count == 1)
     light = read.flight.scale.reflectance(read.returns.intensity)
     own = ours.intensity * ours.true_range**2
     z = ours.position[:, 2]
-    leaf = np.median(light[real & (read.height > CROWN)]) / np.median(own[mine & (z > CROWN)])
-    ground = np.median(light[real & (read.height < GROUND)]) / np.median(own[mine & (z < GROUND)])
+    leaf = np.median(light[real & (read.height > CROWN)]) / np.median(own[single & (z > CROWN)])
+    ground = np.median(light[real & (read.height < GROUND)]) / np.median(own[single & (z < GROUND)])
     seen = plain.surfaces
     return plain.changed(
         surfaces=seen.changed(
@@ -606,7 +606,7 @@ def _lines_again(
     read: ReadFlight, plain: Mobile, caster: RayCaster, low: np.ndarray, seed: int
 ) -> dict[int, np.ndarray]:
     """Returns of each pulse that counts (P,), of the lines that are long enough to tell their pattern."""
-    found = {}
+    returns_of = {}
     for number in read.lines:
         try:
             ours = _flown(read, number, plain, caster, low, seed)
@@ -615,8 +615,8 @@ def _lines_again(
         first = _inside(ours, read) & (ours.number == 1)
         if _has_no_ground(read, number):
             first &= ours.position[:, 2] >= BARE
-        found[number] = ours.count[first]
-    return found
+        returns_of[number] = ours.count[first]
+    return returns_of
 
 
 def _has_no_ground(read: ReadFlight, number: int) -> bool:

@@ -90,14 +90,14 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
 
 def read_angles(path: Path) -> dict[str, dict[str, np.ndarray]]:
     """Degrees by species and sector of the crown."""
-    found: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    angles_of: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     with open(path, encoding="utf-8", newline="") as rows:
         for row in csv.DictReader(rows):
             name = f"{row['Genus']} {row['Species']}"
-            found[name][row["Canopy_sector"]].append(float(row["Angle_degree"]))
+            angles_of[name][row["Canopy_sector"]].append(float(row["Angle_degree"]))
     return {
         name: {sector: np.array(values) for sector, values in sectors.items()}
-        for name, sectors in found.items()
+        for name, sectors in angles_of.items()
     }
 
 

@@ -120,12 +120,12 @@ def compare_own(file: Path, scene: Path | None) -> list[Comparison]:
     theirs = measured.within(low + shift[:2], high + shift[:2])
     over = "Both over the scene's field." if len(theirs.place) else NOT_THERE
     theirs = theirs if len(theirs.place) else measured
-    found = []
+    rows = []
     for scanner in scanners:
         cloud = world.scan(scanner).found
         whole = CloudReturns(cloud.position, cloud.number, cloud.count, cloud.returns.organ == 3)
-        found += _compared(scanner.name, theirs, whole.within(low, high), over)
-    return found
+        rows += _compared(scanner.name, theirs, whole.within(low, high), over)
+    return rows
 
 
 NOT_THERE = (

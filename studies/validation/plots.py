@@ -71,15 +71,15 @@ def measure_plot(points: np.ndarray) -> PlotMeasures:
     """Measure what stands in a cloud (N, 3) of a plot, metres."""
     points = points - points.min(axis=0)
     height = points[:, 2] - ground_below(points)
-    found = stems_of(points, height)
+    stems = stems_of(points, height)
     rows = voxels(points)
     p, h = points[rows], height[rows]
     low = (h > LOWEST) & (h < BRANCHY)
-    on = _on_stems(p, h, found)
+    on = _on_stems(p, h, stems)
     side = np.maximum(np.floor(np.ptp(points[:, :2], axis=0) / COLUMN), 1)
     column = np.minimum(np.floor(p[h > ABOVE, :2] / COLUMN), side - 1)
     return PlotMeasures(
-        found,
+        stems,
         float((low & ~on).sum() / max(low.sum(), 1)),
         float(1 - len(np.unique(column, axis=0)) / side.prod()),
         _profile(h),
@@ -202,7 +202,7 @@ def site_of(stems: np.ndarray, species: str, seed: int, undergrowth: str = "auto
 
 
 def geometry_of(site: ForestSite, forest: GrownForest) -> SceneGeometry:
-    """Return what rays meet: instances of the grown variants, and the ground."""
+    """Scene for rays: instances of the grown variants, and the ground."""
     return scene_of_forest(forest, ground_mesh(site.scene.forest, site.ground))
 
 
@@ -271,12 +271,12 @@ def flown(site: ForestSite, forest: GrownForest, seed: int, size: np.ndarray) ->
 
 def compare_living(data: Path, seed: int) -> list[Comparison]:
     """A pine plot from tripods, a plot from a drone, and the wood of a beech, each beside its measurement."""
-    found = _plot_rows(seed)
+    rows = _plot_rows(seed)
     drone = data / "clouds" / "spanner_UAS.laz"
     if drone.is_file():
         real, floor, ours, trees = drones_plot(drone, seed)
         alike = float(np.minimum(profile(real, floor), profile(ours)).sum())
-        found.append(
+        rows.append(
             Comparison(
                 *("drone's plot, overlap of profiles by height", "", Interval(1.0)),
                 *(Interval(alike), bool(alike >= 0.85)),
@@ -284,7 +284,7 @@ def compare_living(data: Path, seed: int) -> list[Comparison]:
                 "Scots pines of these heights have.",
             )
         )
-    return found + _beech_rows(data / "wood" / "aRchi_1_qsm.txt", seed)
+    return rows + _beech_rows(data / "wood" / "aRchi_1_qsm.txt", seed)
 
 
 def drones_plot(file: Path, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
@@ -306,17 +306,17 @@ def drones_plot(file: Path, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def _plot_rows(seed: int) -> list[Comparison]:
     """Plots of pines from tripods, beside a measured one."""
-    found, base = [], []
+    measured, base = [], []
     for number in range(STANDS):
         site = site_of(pine_stems(seed + number), "scots-pine", seed + number)
         forest = site.grow()
         listed = [tree for (planting, _), tree in forest.variants.items() if planting == 0]
         base.append(np.mean([tree.wanted.crown_base for tree in listed if tree.wanted]))
-        found.append(measure_plot(scanned(site, forest, seed + number)))
+        measured.append(measure_plot(scanned(site, forest, seed + number)))
     share, empty, peak, many = (
         Interval.of(np.array(values, dtype=float), 1.0)
         for values in zip(
-            *((f.not_stem, f.empty, f.profile.argmax() + 0.5, len(f.stems)) for f in found),
+            *((f.not_stem, f.empty, f.profile.argmax() + 0.5, len(f.stems)) for f in measured),
             strict=True,
         )
     )

@@ -83,10 +83,10 @@ def read_recording(path: Path, rate: float) -> np.ndarray:
     SpecError : the file is no recording that can be read.
     """
     try:
-        own, found = wavfile.read(path)
+        own, recorded = wavfile.read(path)
     except (OSError, ValueError) as problem:
         raise SpecError(str(path), f"is no WAV that can be read ({problem})") from None
-    samples = np.asarray(found, np.float64)
+    samples = np.asarray(recorded, np.float64)
     samples = samples.mean(axis=1) if samples.ndim == 2 else samples
     if own != rate:
         divisor = math.gcd(int(own), int(rate))
@@ -127,11 +127,11 @@ def _laws(samples: np.ndarray, rate: float, start: int) -> tuple[float, float, f
     if len(level) < 8:
         return math.nan, math.nan, math.nan
     time = BEGIN + FRAME * (np.arange(len(level)) + 0.5)
-    found = []
+    fits = []
     for axis in (time, 10.0 * np.log10(time)):
         slope, offset = np.polyfit(axis, level, 1)
-        found.append((float(np.std(level - slope * axis - offset)), float(slope)))
-    return found[0][0], found[1][0], -found[1][1]
+        fits.append((float(np.std(level - slope * axis - offset)), float(slope)))
+    return fits[0][0], fits[1][0], -fits[1][1]
 
 
 # Loudspeakers of the recordings, as far as they are known.
@@ -175,11 +175,11 @@ def ring() -> Directivity:
         gain = MONITOR.around(cosine, hz).reshape(len(turned), len(SIDES))
         return float((gain**2).sum(axis=1).mean())
 
-    found = [
+    mean_square = [
         [energy(s, azimuth, hz) / energy(0.5 * np.pi, np.zeros(1), hz) for hz in HZ.tolist()]
         for s in steep.tolist()
     ]
-    return Directivity(steep, HZ, np.sqrt(np.array(found)))
+    return Directivity(steep, HZ, np.sqrt(np.array(mean_square)))
 
 
 # Stands that may be the recorded one, and their reverberation with each term of the model on or off.
@@ -294,15 +294,15 @@ def settings(stand: PlausibleStand, path: SoundPath, **changes: object) -> Rever
 def variants(stand: PlausibleStand, path: SoundPath) -> dict[str, Reverb]:
     """The ablation: Kaneko & Gamper's model, none of the terms, each, all; all with needles for leaves."""
     every = settings(stand, path)
-    found = {
+    settings_of = {
         "Kaneko & Gamper's model": settings(stand, path, model="paper"),
         "none": settings(stand, path, **OFF),
     }
     for name, terms in TERMS.items():
         kept = {key: value for key, value in OFF.items() if key not in terms}
-        found[name] = settings(stand, path, **kept)
+        settings_of[name] = settings(stand, path, **kept)
     needles = {"leaf_area_density": 0.0, "needle_area_density": stand.leaf_area_density}
-    return found | {"all": every, "all, leaves as needles": settings(stand, path, **needles)}
+    return settings_of | {"all": every, "all, leaves as needles": settings(stand, path, **needles)}
 
 
 def heard(
@@ -347,7 +347,7 @@ class ExpectedEnergy:
 
     def decay(self, speed: float) -> tuple[np.ndarray, np.ndarray]:
         """T20 in s and C50 in dB, (B,) each."""
-        found = []
+        decays = []
         for direct, scattered in zip(self.direct, self.scattered, strict=True):
             heard = cumulative_trapezoid(scattered, self.length, initial=0.0)
             left = heard[-1] - heard
@@ -358,8 +358,8 @@ class ExpectedEnergy:
             used = (curve <= -5.0) & (curve >= -25.0)
             slope = np.polyfit(even[used], curve[used], 1)[0] if used.sum() > 2 else np.nan
             late = float(np.interp(EARLY, time, left))
-            found.append((-60.0 / slope, 10.0 * np.log10((direct + heard[-1] - late) / late)))
-        t20, c50 = np.array(found).T
+            decays.append((-60.0 / slope, 10.0 * np.log10((direct + heard[-1] - late) / late)))
+        t20, c50 = np.array(decays).T
         return t20, c50
 
 
@@ -394,11 +394,13 @@ def expected_energy(
         once, again = (part[row] for part in tail.energies(length))
         lost = np.exp(-2.0 * np.outer(losses.along(band * LINES), length)).mean(axis=0)
         ground = np.mean([losses.unthinned.mean_square(f, length) for f in band * LINES], axis=0)
-        found = (once + again) * ground * lost
+        scattered_again = (once + again) * ground * lost
         if tail.diffuse is not None:
             of_air = float(losses.of_air(np.array([band]))[0])
-            found = found + tail.turned(row, length) * np.exp(-2.0 * of_air * length)
-        scattered.append(found)
+            scattered_again = scattered_again + tail.turned(row, length) * np.exp(
+                -2.0 * of_air * length
+            )
+        scattered.append(scattered_again)
         straight = losses.unthinned.mean_square(band * LINES, np.array(distance))
         taken = 2.0 * losses.along(band * LINES) + losses.removed(band * LINES)
         direct.append(float(np.mean(straight * np.exp(-taken * distance))) / distance**2)
@@ -431,7 +433,7 @@ def losses_of(stand: PlausibleStand, path: SoundPath, bands: np.ndarray) -> dict
     scattered = dry.of_clutter(bands) - dry.of_leaves(bands)
     size = 2.0 * np.pi * bands / path.air.speed() * stand.radius
     trunks = stand.density * stand.radius
-    found = {
+    terms = {
         "air": dry.of_air(bands),
         "leaves absorb": dry.of_leaves(bands),
         "bark of trunks": 0.5 * trunks * cross_sections(size, stand.bark).absorption,
@@ -440,7 +442,7 @@ def losses_of(stand: PlausibleStand, path: SoundPath, bands: np.ndarray) -> dict
         "branches and leaves scatter": scattered,
         "trunks scatter": 0.5 * dry.removed(bands),
     }
-    return {name: DB_PER_NEPER * values for name, values in found.items()}
+    return {name: DB_PER_NEPER * values for name, values in terms.items()}
 
 
 def judge_losses(
@@ -448,14 +450,14 @@ def judge_losses(
 ) -> list[Comparison]:
     """A row an octave: the sum of what is taken for good, and each term's median."""
     every = [losses_of(stand, path, bands) for stand in stands]
-    found = []
+    rows = []
     for n, band in enumerate(bands):
         terms = {name: np.array([each[name][n] for each in every]) for name in every[0]}
         for_good = sum(values for name, values in terms.items() if "scatter" not in name)
         words = ", ".join(
             f"{name} {np.median(v):.4f} (at most {v.max():.4f})" for name, v in terms.items()
         )
-        found.append(
+        rows.append(
             Comparison(
                 f"Koli, what level sound loses for good at {band:g} Hz",
                 "dB/m",
@@ -465,7 +467,7 @@ def judge_losses(
                 f"Medians of {len(stands)} stands: {words} dB/m.",
             )
         )
-    return found
+    return rows
 
 
 # Number of plausible stands that agree with a recording, what they have in common, and what decides.
@@ -494,12 +496,12 @@ def judge_agreement(
     near = np.abs(t20 / measured.t20 - 1.0) <= share
     clear = np.abs(c50 - measured.c50) <= decibels
     effects = effects_of(stands, np.log(t20))
-    found = []
+    rows = []
     for n, band in enumerate(measured.band):
         largest = sorted(effects, key=lambda name: -abs(effects[name][n]))[:NAMED]
         words = ", ".join(f"{name} {100 * np.expm1(effects[name][n]):+.0f} %" for name in largest)
         true = float(measured.t20[n])
-        found.append(
+        rows.append(
             Comparison(
                 f"Koli, T20 at {band:g} Hz as expected of {len(stands)} stands",
                 "s",
@@ -510,7 +512,7 @@ def judge_agreement(
                 f"{decibels:g} dB. From the low to the high end of its range each moves T20 by: {words}.",
             )
         )
-    return [*found, _best(stands, near.sum(axis=1) + clear.sum(axis=1), 2 * len(measured.band))]
+    return [*rows, _best(stands, near.sum(axis=1) + clear.sum(axis=1), 2 * len(measured.band))]
 
 
 def _sent(source: Directivity) -> Callable[[float], Sent]:
@@ -528,8 +530,8 @@ def effects_of(stands: Sequence[PlausibleStand], values: np.ndarray) -> dict[str
         if name in EVEN_BY_LOGARITHM:
             value, ends = np.log(value), (np.log(ends[0]), np.log(ends[1]))
         columns.append((value - ends[0]) / (ends[1] - ends[0]) - 0.5)
-    found = np.linalg.lstsq(np.column_stack(columns), values, rcond=None)[0]
-    return dict(zip(RANGES, found[1:], strict=True))
+    slopes = np.linalg.lstsq(np.column_stack(columns), values, rcond=None)[0]
+    return dict(zip(RANGES, slopes[1:], strict=True))
 
 
 def _best(stands: Sequence[PlausibleStand], met: np.ndarray, all_of: int) -> Comparison:
@@ -610,6 +612,6 @@ def _air(band: np.ndarray | float) -> np.ndarray:
 def _levels(stand: PlausibleStand, distance: float, height: float) -> np.ndarray:
     """(B,) dB of all energy, re the source's at 1 m."""
     path = SoundPath(distance, height, 32e3, ALPINE)
-    found = expected_energy(stand, path, BANDS, LEVEL_LAST, LEVEL_PACKETS, _towards_the_transect)
-    whole = found.direct + trapezoid(found.scattered, found.length, axis=1)
+    energy = expected_energy(stand, path, BANDS, LEVEL_LAST, LEVEL_PACKETS, _towards_the_transect)
+    whole = energy.direct + trapezoid(energy.scattered, energy.length, axis=1)
     return np.asarray(10.0 * np.log10(whole))

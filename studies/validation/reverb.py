@@ -210,8 +210,8 @@ def _by_length(
     energy = np.abs(np.fft.ifft(spectra, size, axis=0)) ** 2 / whole  # (T, S, R)
     mean = energy.mean(axis=2)
     rows = np.searchsorted(edges, length, side="right") - 1
-    found = np.array([mean[rows == n].mean(axis=0) for n in range(len(edges) - 1)])
-    return found.T
+    by_length = np.array([mean[rows == n].mean(axis=0) for n in range(len(edges) - 1)])
+    return by_length.T
 
 
 # Pictures of the reverb's validation.
@@ -354,7 +354,7 @@ def validate_own(recording: Path, stand: Path | None, out: Path) -> list[Compari
                 continue
             placed = {"source": tuple(source), "receiver": tuple(receiver), "continue_to": REACH}
             reverb: Reverb = settings(drawn, path, model=model, tolerance=1e-3, **placed)
-            found = impulse_response(
+            response = impulse_response(
                 trunks,
                 reverb,
                 path.air,
@@ -363,7 +363,7 @@ def validate_own(recording: Path, stand: Path | None, out: Path) -> list[Compari
                 expansions=Expansions(),
                 key=(drawn.number, "validate"),
             )
-            some.append(decay_of(found.samples, RATE, bands))
+            some.append(decay_of(response.samples, RATE, bands))
     drawn_bands = draw_bands(out / "reverb-own.png", measured, every["forest"], every["paper"])
     words = f"{recording.name} and {len(trunks)} trees of {stand.name}."
     rows = _rows(measured, every["forest"], every["paper"])
@@ -559,8 +559,8 @@ def read_table() -> Decay:
 
 
 def _missing(measured: Decay, responses: Sequence[np.ndarray]) -> list[Comparison]:
-    """Return what every path would have to lose besides, octave by octave."""
-    found = []
+    """Loss that every path would need besides, octave by octave."""
+    rows = []
     for n, band in enumerate(BANDS):
         needed = np.array(
             [
@@ -569,7 +569,7 @@ def _missing(measured: Decay, responses: Sequence[np.ndarray]) -> list[Compariso
             ]
         )
         if np.isfinite(needed).any():
-            found.append(
+            rows.append(
                 Comparison(
                     f"Koli, loss that would bring T20 at {band:g} Hz to the recording's",
                     "dB/m",
@@ -578,18 +578,18 @@ def _missing(measured: Decay, responses: Sequence[np.ndarray]) -> list[Compariso
                     None,
                 )
             )
-    return found
+    return rows
 
 
 def _shape(measured: Decay, every: list[Decay]) -> list[Comparison]:
-    """Return which law the decay follows: residual of the power law over that of the exponential."""
-    found = []
+    """Law that the decay follows: residual of the power law over that of the exponential."""
+    rows = []
     for n, band in enumerate(BANDS):
         ratio = np.array([each.power[n] / each.exponential[n] for each in every])
         true = float(measured.power[n] / measured.exponential[n])
         ours = np.nanmedian([each.exponent[n] for each in every])
         median = float(np.nanmedian(ratio))
-        found.append(
+        rows.append(
             Comparison(
                 f"Koli, residual of a power law over that of an exponential at {band:g} Hz",
                 "",
@@ -601,25 +601,25 @@ def _shape(measured: Decay, every: list[Decay]) -> list[Comparison]:
                 f"{measured.exponential[n]:.1f} dB.",
             )
         )
-    return found
+    return rows
 
 
 Ablation = dict[str, tuple[np.ndarray, np.ndarray]]  # of each variant: mean T20, mean C50 by octave
 
 
 def _ablation(stands: Sequence[PlausibleStand], path: SoundPath = KOLI) -> Ablation:
-    found: dict[str, list[Decay]] = {}
+    decays_of: dict[str, list[Decay]] = {}
     for stand in stands:
         prepared = Expansions()
         for name, reverb in variants(stand, path).items():
             samples = heard(stand, reverb, path, prepared).samples
-            found.setdefault(name, []).append(decay_of(samples, path.rate, BANDS))
+            decays_of.setdefault(name, []).append(decay_of(samples, path.rate, BANDS))
     return {
         name: (
             np.nanmean([each.t20 for each in some], axis=0),
             np.nanmean([each.c50 for each in some], axis=0),
         )
-        for name, some in found.items()
+        for name, some in decays_of.items()
     }
 
 
@@ -660,7 +660,7 @@ def _jura(data: Path, stands: Sequence[PlausibleStand]) -> list[Comparison]:
     )
     ours: list[Range] = [range_of(stand, distance) for stand in stands[:RANGED]]
     every = np.array([each.excess for each in ours])
-    found = []
+    rows = []
     for row, band in enumerate(RANGE_BANDS):
         median = np.median(every[:, row], axis=0)
         apart = np.where(np.isfinite(true[row]), np.abs(median - true[row]), -1.0)
@@ -671,7 +671,7 @@ def _jura(data: Path, stands: Sequence[PlausibleStand]) -> list[Comparison]:
             for d, t, m in zip(distance, true[row], median, strict=True)
             if np.isfinite(t)
         )
-        found.append(
+        rows.append(
             Comparison(
                 f"Jura, excess attenuation at {band:g} Hz, {distance[worst]:.0f} m",
                 "dB",
@@ -681,19 +681,19 @@ def _jura(data: Path, stands: Sequence[PlausibleStand]) -> list[Comparison]:
                 f"Over spreading and air from 10 m, mean of both recorders / median stand: {table} dB.",
             )
         )
-    return found
+    return rows
 
 
 def _albert(stands: Sequence[PlausibleStand]) -> list[Comparison]:
-    found: dict[str, list[float]] = {"now": [], "before": [], "t20": []}
+    values_of: dict[str, list[float]] = {"now": [], "before": [], "t20": []}
     for stand in stands:
         for name, model in (("now", "forest"), ("before", "paper")):
             response = heard(stand, settings(stand, ALBERT, model=model), ALBERT)
             measures = room_metrics(response.samples, ALBERT.rate)
-            found[name].append(float(measures.t30[0]))
+            values_of[name].append(float(measures.t30[0]))
             if name == "now":
-                found["t20"].append(float(measures.t20[0]))
-    now, old = (np.array(found[name]) for name in ("now", "before"))
+                values_of["t20"].append(float(measures.t20[0]))
+    now, old = (np.array(values_of[name]) for name in ("now", "before"))
     measured = Interval(2.0, 1.2, 3.0)
     simulated = Interval.of(now[np.isfinite(now)])
     return [
@@ -705,7 +705,7 @@ def _albert(stands: Sequence[PlausibleStand]) -> list[Comparison]:
             bool(1.2 <= simulated.value <= 3.0),
             "Published: typically 2 s, two stands 1.2 s, one 3 s; how it was read from the decay, and the "
             "band, are not given in the abstract. Ours is T30; T20, read earlier, is "
-            f"{np.nanmedian(found['t20']):.2f} s: a power law has no one reverberation time.",
+            f"{np.nanmedian(values_of['t20']):.2f} s: a power law has no one reverberation time.",
             Interval.of(old[np.isfinite(old)]),
         )
     ]
@@ -723,11 +723,11 @@ def _ensembles(out: Path) -> list[Comparison]:
         "(grey: its standard error): single scattering without and with extinction, and transport."
     )
     picture = Picture(draw_ensembles(out / "reverb-ensembles.png", cases), words)
-    found = []
+    rows = []
     for title, judged in cases:
         for name, level in judged.level.items():
             worst = float(level[np.argmax(np.abs(level))])
-            found.append(
+            rows.append(
                 Comparison(
                     f"{name}, worst over all times, against exact multiple scattering by {title}",
                     "dB",
@@ -739,10 +739,10 @@ def _ensembles(out: Path) -> list[Comparison]:
                         f"{x:.0f} m {v:+.1f}" for x, v in zip(edges[:-1], level, strict=True)
                     )
                     + " dB.",
-                    pictures=(picture,) if not found else (),
+                    pictures=(picture,) if not rows else (),
                 )
             )
-    return found
+    return rows
 
 
 def _write_ablation(path: Path, rows: Ablation) -> None:

@@ -376,12 +376,12 @@ def echoes_of(plant: PottedPlant, recorder: Recorder, distance: float, way: str)
     parts = [leaves_of(plant, curved)]
     if not bare:
         parts += [plant.wood, plant.pot]
-    found = []
+    echoes = []
     for angle in 2 * math.pi / ASPECTS * np.arange(ASPECTS):
         meshes = [turned(part, angle, distance) for part in parts]
         _, transfer = heard(meshes, recorder.width, **settings)
-        found.append(sounded(recorder, transfer))
-    return np.array(found)
+        echoes.append(sounded(recorder, transfer))
+    return np.array(echoes)
 
 
 def pole_energy(pole: np.ndarray) -> float:
@@ -479,7 +479,7 @@ def _of_way(
 
 def _of_echoes(plants: Sequence[PottedPlant], recorders: Sequence[Recorder]) -> list[Comparison]:
     """Changes by echoes between leaves, of the plants that have few."""
-    found = []
+    errors = []
     for plant, recorder in zip(plants, recorders, strict=True):
         if len(plant.centre) > SOLVED:
             continue
@@ -488,17 +488,17 @@ def _of_echoes(plants: Sequence[PottedPlant], recorders: Sequence[Recorder]) -> 
         station = Station(sonar, Air(), echo.pose, Equipment.of(sonar))
         leaves = nearest_leaves(echo.groups, SOLVED)
         if leaves is not None:
-            found.append(rescattering(leaves, station))
-    alone = [20 * np.log10(np.linalg.norm(f.every) / np.linalg.norm(f.once)) for f in found]
+            errors.append(rescattering(leaves, station))
+    alone = [20 * np.log10(np.linalg.norm(f.every) / np.linalg.norm(f.once)) for f in errors]
     words = (
-        f"{len(found)} plants of at most {SOLVED} leaves, 38.5 to 41.5 kHz: all echoes between leaves "
+        f"{len(errors)} plants of at most {SOLVED} leaves, 38.5 to 41.5 kHz: all echoes between leaves "
         "(Foldy-Lax with physical optics) against each leaf alone. The spectra with and without, shaded by "
-        f"extinction, differ by {np.median([f.relative for f in found]):.0%} (median, L2)."
+        f"extinction, differ by {np.median([f.relative for f in errors]):.0%} (median, L2)."
     )
     rows = (
         ("energy over that of leaves that shade nothing", "dB", alone, words),
-        ("energy over that with extinction", "dB", [f.level_db for f in found], ""),
-        ("mean delay beyond that with extinction", "ms", [1e3 * f.later for f in found], ""),
+        ("energy over that with extinction", "dB", [f.level_db for f in errors], ""),
+        ("mean delay beyond that with extinction", "ms", [1e3 * f.later for f in errors], ""),
     )
     return [
         Comparison(f"multiple scattering, {name}", unit, None, Interval.of(np.array(v)), None, said)

@@ -189,7 +189,7 @@ def _between(corners: np.ndarray) -> np.ndarray:
 
 
 def _strays(excess: Envelope) -> float:
-    """Return how far a map strays from the mean of a law, in the law's global reach."""
+    """Distance of a map from the mean of a law, in the law's global reach."""
     half = np.maximum(excess.global_high - excess.mean, 1e-300)
     return float((np.abs(excess.observed - excess.mean) / half).max())
 

@@ -135,14 +135,14 @@ def find_stems(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray
     pairs = cKDTree(slab).query_pairs(HANG, output_type="ndarray")
     joined = coo_matrix((np.ones(len(pairs), bool), pairs.T), shape=(len(slab),) * 2)
     cluster = connected_components(joined, directed=False)[1]
-    found = []
+    stems = []
     for number in np.flatnonzero(np.bincount(cluster) >= FEWEST):
         fitted = _stem(slab[cluster == number], rng)
         if fitted is not None:
-            found.append(fitted)
-    if not found:
+            stems.append(fitted)
+    if not stems:
         return np.empty((0, 2)), np.empty(0)
-    return np.array([centre for centre, _ in found]), np.array([radius for _, radius in found])
+    return np.array([centre for centre, _ in stems]), np.array([radius for _, radius in stems])
 
 
 def _stem(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float] | None:

@@ -122,13 +122,13 @@ def sections_of(points: np.ndarray, eye: float, step: float) -> np.ndarray:
     points : (P, 3) of one stem, m, from a scanner at (0, 0, ``eye``), the ground at z = 0. step : of the
     scanner, radians.
     """
-    found = []
+    sections = []
     for height in SECTIONS:
         cut = points[np.abs(points[:, 2] - height) < HALF]
         diameter = _diameter(cut, eye, step) if len(cut) else None
         if diameter is not None:
-            found.append((height, diameter))
-    return np.array(found).reshape(-1, 2)
+            sections.append((height, diameter))
+    return np.array(sections).reshape(-1, 2)
 
 
 def taper_of(stems: list[np.ndarray]) -> float:
@@ -399,12 +399,12 @@ def compare_diameters(folder: Path, seed: int) -> list[Comparison]:
 def _scanned(folder: Path, seed: int, bark: bool = True) -> ScannedStems:
     """The stems of the first plots, scanned."""
     field = read_plots(folder / "tree_field.csv")
-    found = []
+    slices = []
     for number, plot in enumerate(list(field)[:PLOTS]):
         stand = field[plot]
         stand = stand[np.isfinite(stand[:, 3]) & (stand[:, 2] > NEAREST)]
-        found.append(scan_plot(stand[:, [0, 1, 3]], 1000 * (seed + number), bark))
-    return ScannedStems.joined(found)
+        slices.append(scan_plot(stand[:, [0, 1, 3]], 1000 * (seed + number), bark))
+    return ScannedStems.joined(slices)
 
 
 def _mean(values: np.ndarray) -> tuple[float, float, float]:

@@ -79,9 +79,9 @@ def compare_volumes(data: Path, seed: int) -> list[Comparison]:
         weighed = [row for row in csv.DictReader(file) if row["above_ground_mass_kg"]]
     saplings: list[tuple[float, float]] = []
     for genus in DENSITIES:
-        found = _weighed(weighed, genus, seed)
-        big = np.array([pair for pair, dbh in found if dbh >= GROWN])
-        saplings += [pair for pair, _ in found if SAPLING[0] <= pair[0] <= SAPLING[1]]
+        pairs = _weighed(weighed, genus, seed)
+        big = np.array([pair for pair, dbh in pairs if dbh >= GROWN])
+        saplings += [pair for pair, _ in pairs if SAPLING[0] <= pair[0] <= SAPLING[1]]
         if len(big):
             rows.append(_mass_row(f"{genus}, all wood over that weighed", big))
     small = np.array(saplings)
@@ -156,7 +156,7 @@ def _weighed(
     own = [row for row in rows if row["species"].startswith(genus) and row["dbh_m"]]
     own = [row for row in own if _number(row, "height_m") > 2.5 and _number(row, "dbh_m") > 0.05]
     pick = stream(seed, "weighed", genus).permutation(len(own))[:MOST]
-    found = []
+    pairs = []
     for number in np.sort(pick).tolist():
         row = own[number]
         dbh, height = _number(row, "dbh_m"), _number(row, "height_m")
@@ -169,8 +169,8 @@ def _weighed(
         leaves = _number(row, "leaf_mass_kg")
         mass -= leaves if np.isfinite(leaves) else LEAVES * mass
         ours = wood_of_order(name, dbh, given, genus, number).sum()
-        found.append(((1000 * mass / density, float(ours)), dbh))
-    return found
+        pairs.append(((1000 * mass / density, float(ours)), dbh))
+    return pairs
 
 
 def _number(row: dict[str, str], key: str) -> float:
@@ -295,29 +295,29 @@ def compare_branches(path: Path, seed: int) -> list[Comparison]:
     theirs, ours, slender = [], [], []
     for number in np.unique(table[:, 0]):
         rows = table[table[:, 0] == number]
-        found = rows[:, [2, 3, 4]] - [1, 0, 0]
+        branches = rows[:, [2, 3, 4]] - [1, 0, 0]
         place = np.concatenate([rows[:, 5:8], rows[:, 8:11]])
-        foot, limbs = place[:, 2].min(), rows[found[:, 0] == 1]
+        foot, limbs = place[:, 2].min(), rows[branches[:, 0] == 1]
         size = {
             "height": np.ptp(place[:, 2]),
             "crown_width": ConvexHull(place[:, :2]).area / np.pi,
             "crown_base": limbs[:, 7].min() - foot,
         }
-        stem = found[found[:, 0] == 0, 1].max()
+        stem = branches[branches[:, 0] == 0, 1].max()
         slender.append(size["height"] > SLENDER * stem)
-        least = np.quantile(found[found[:, 0] > 0, 1:], 0.1, axis=0)
-        theirs.append(_by_order(found, least))
+        least = np.quantile(branches[branches[:, 0] > 0, 1:], 0.1, axis=0)
+        theirs.append(_by_order(branches, least))
         grown = [_like(name, size, stem, seed, int(number)) for name in BROADLEAVES]
         ours.append(np.nanmean([_by_order(tree, least) for tree in grown], axis=0))
     known, mine, thin = np.array(theirs), np.array(ours), np.array(slender)
-    found = [
+    branches = [
         _branch_row(f"slender trees, {ORDERS[1]}, number", "", known[thin, 0, 0], mine[thin, 0, 0])
     ]
     for row, order in enumerate(ORDERS.values()):
         for column, (what, unit) in enumerate(OF_BRANCHES.items()):
             values = known[:, row, column], mine[:, row, column]
-            found.append(_branch_row(f"{order}, {what}", unit, *values))
-    return found
+            branches.append(_branch_row(f"{order}, {what}", unit, *values))
+    return branches
 
 
 def _like(name: str, size: dict[str, float], stem: float, seed: int, number: int) -> np.ndarray:

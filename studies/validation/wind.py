@@ -193,15 +193,15 @@ def measured_records(folder: Path) -> list[SwayRecord]:
     """Read the measured records."""
     with (folder / "records" / "records.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    found = []
+    records = []
     for row in rows:
         name = row["Filename"]
         with lzma.open(folder / "records" / f"{name}.csv.xz", "rt") as text:
             motion = np.genfromtxt(text, delimiter=",")
         published = float(row["sh_s_slope_005_2"])
         rate = float(row["Res_Hz"])
-        found.append(SwayRecord(name, row["Clade2"], row["Sensor"], rate, published, motion))
-    return found
+        records.append(SwayRecord(name, row["Clade2"], row["Sensor"], rate, published, motion))
+    return records
 
 
 def slope_of(motion: np.ndarray, rate: float = NOMINAL) -> float:
@@ -451,10 +451,10 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
 def grow_like(trees: list[MeasuredSway], count: int, seed: int, *, vary: bool) -> Swayed:
     """Grow skeletons like ``count`` measured trees, drawn without return; what no tree can be falls out."""
     rng = stream(seed, "wind validation")
-    chosen, found, shapes = rng.permutation(len(trees)), [], []
+    chosen, trees_like, shapes = rng.permutation(len(trees)), [], []
     for row in chosen.tolist():
         tree = trees[row]
-        if len(found) == count:
+        if len(trees_like) == count:
             break
         if tree.dbh > LARGEST:
             continue
@@ -462,8 +462,8 @@ def grow_like(trees: list[MeasuredSway], count: int, seed: int, *, vary: bool) -
             shapes.append(shape_as(tree, tree.stand_in, stream(seed, "wind tree", row), vary))
         except SpecError:
             continue
-        found.append(tree)
-    return Swayed(found, shapes)
+        trees_like.append(tree)
+    return Swayed(trees_like, shapes)
 
 
 def conifer_law(slenderness: np.ndarray) -> np.ndarray:
@@ -541,13 +541,13 @@ def _slope(clade: str, swayed: Swayed, folder: Path, seed: int) -> Comparison:
     time = np.arange(0.0, 3600.0, 0.25)
     records = [record for record in measured_records(folder) if record.clade == clade]
     floor = float(np.median([floor_of(r) for r in records if r.sensor == "Strain gauge"]))
-    found, clean = [], []
+    slopes, clean = [], []
     for number, shape in enumerate(swayed.shapes[:40]):
         bent = strain(shape, respond(shape, SPEED, seed + number), time)
         clean.append(slope_of(bent))
-        found.append(slope_of(gauged(bent, floor, stream(seed, "gauge", number))))
+        slopes.append(slope_of(gauged(bent, floor, stream(seed, "gauge", number))))
     off = max(abs(r.published - slope_of(r.motion)) for r in records if np.isfinite(r.published))
-    target, ours = SLOPES[clade], Interval.of(np.array(found))
+    target, ours = SLOPES[clade], Interval.of(np.array(slopes))
     return Comparison(
         f"slope of the trunk's spectrum, {MANY[clade]}",
         "",
@@ -571,8 +571,8 @@ def _loads(swayed: Swayed, seed: int) -> list[Comparison]:
 def _damping(swayed: Swayed, seed: int) -> list[Comparison]:
     rows = []
     for speed in (3.0, 9.0):
-        found = np.array([respond(shape, speed, seed).damping[0] for shape in swayed.shapes])
-        ours = Interval.of(found)
+        damping = np.array([respond(shape, speed, seed).damping[0] for shape in swayed.shapes])
+        ours = Interval.of(damping)
         rows.append(
             Comparison(
                 f"damping of the first mode of conifers at {speed:g} m/s",
@@ -636,7 +636,7 @@ def at_the_tops(station: float, height: float) -> float:
 
 def _by_speed(swayed: Swayed, seed: int) -> str:
     """The same changes in other winds, in words."""
-    found = []
+    phrases = []
     for speed in OTHERS:
         worst = [
             max(
@@ -645,8 +645,8 @@ def _by_speed(swayed: Swayed, seed: int) -> str:
             )
             for n, shape in enumerate(swayed.shapes[:20])
         ]
-        found.append(f"{np.median(worst):.1f} mm in {speed:g} m/s")
-    return "By the speed at the tops (median of 20 trees): " + ", ".join(found) + "."
+        phrases.append(f"{np.median(worst):.1f} mm in {speed:g} m/s")
+    return "By the speed at the tops (median of 20 trees): " + ", ".join(phrases) + "."
 
 
 def _tops(seed: int) -> Comparison:
@@ -658,15 +658,15 @@ def _tops(seed: int) -> Comparison:
     )
     grown = ForestSite.read(scene).grow()
     sway = sway_of(grown, Wind(speed=CALM), seed)
-    time, found = np.linspace(0.0, 60.0, 300), []
+    time, spreads = np.linspace(0.0, 60.0, 300), []
     for tree in range(len(grown.stand)):
         top = int(grown.variant_of(tree).mesh.vertices[:, 2].argmax())
         held = sway.anchors(tree).select(np.full(len(time), top))
         moved = sway.displacement(np.full(len(time), tree), held, time)
-        found.append(100 * float(np.sqrt(moved.var(axis=0).sum())))
-    words = f"{len(found)} beeches on 30 x 30 m, one minute; deviation about the lean, flutter included."
+        spreads.append(100 * float(np.sqrt(moved.var(axis=0).sum())))
+    words = f"{len(spreads)} beeches on 30 x 30 m, one minute; deviation about the lean, flutter included."
     name = f"sway of the crowns' tops in {CALM:g} m/s, beeches"
-    return Comparison(name, "cm", None, Interval.of(np.array(found)), None, words)
+    return Comparison(name, "cm", None, Interval.of(np.array(spreads)), None, words)
 
 
 def diameter_change(shape: SwayShape, response: SwayResponse, share: float) -> float:

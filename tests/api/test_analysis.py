@@ -181,14 +181,12 @@ def test_short_words_for_what_one_looks_at(world):
     assert "tolerance='auto'" in repr(forest.Sonar(tolerance="auto"))
 
 
-def named_types(thing):
+def named_types(obj):
     """The classes of ours that the signatures of a function, or of a class's public ones, name."""
-    calls = [thing]
-    if inspect.isclass(thing):
-        public = [call for name, call in vars(thing).items() if not name.startswith("_")]
-        calls = [getattr(call, "fget", call) for call in public] + [
-            getattr(thing, "__init__", None)
-        ]
+    calls = [obj]
+    if inspect.isclass(obj):
+        public = [call for name, call in vars(obj).items() if not name.startswith("_")]
+        calls = [getattr(call, "fget", call) for call in public] + [getattr(obj, "__init__", None)]
     for call in filter(inspect.isfunction, calls):
         known = {name: getattr(forest, name) for name in forest.__all__} | call.__globals__
         known |= {"Corners": spec.Corners, "Iterator": Iterator, "Observer": object}

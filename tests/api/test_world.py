@@ -145,7 +145,7 @@ def test_any_scene_of_blender():
 def test_blenders_own_cube_is_not_in_the_forest():
     bpy.ops.wm.read_factory_settings()
     forest.build(SCENE)
-    assert not {"Cube", "Camera", "Light"} & {thing.name for thing in bpy.data.objects}
+    assert not {"Cube", "Camera", "Light"} & {obj.name for obj in bpy.data.objects}
 
 
 @pytest.mark.medium
@@ -449,8 +449,8 @@ def test_a_result_that_is_not_empty_says_nothing(results):
 
 def test_nothing_in_the_scene_is_said():
     empty = forest.build(forest.Scene(forest=forest.Forest(margin=0.0)))
-    for thing in list(bpy.data.objects):
-        bpy.data.objects.remove(thing)
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
     assert empty.scan(COARSE).warnings == ("cloud: 0 points: there is nothing in the scene",)
 
 

@@ -75,11 +75,11 @@ def values(owner, name, key, width=1):
     return out.reshape(-1, width) if width > 1 else out
 
 
-def shown(thing):
+def shown(obj):
     """Colours of the evaluated points."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     depsgraph.update()
-    geometry = thing.evaluated_get(depsgraph).evaluated_geometry()  # owns the points
+    geometry = obj.evaluated_get(depsgraph).evaluated_geometry()  # owns the points
     return values(geometry.pointcloud, "colour", "color", 4)
 
 
@@ -109,8 +109,8 @@ def test_any_attribute_colours_the_points(empty_blender, cloud, choice):
     menu = next(item for item in group.interface.items_tree if item.name == "Colour By")
     assert menu.default_value == "Organ"
     menu.default_value = choice.replace("_", " ").title()
-    thing = show_cloud(bpy.context.scene.collection, "b", cloud)  # takes the menu's default
-    colour = shown(thing)
+    obj = show_cloud(bpy.context.scene.collection, "b", cloud)  # takes the menu's default
+    colour = shown(obj)
     assert len(colour) == len(cloud)
     assert np.isfinite(colour).all()
     seen = {
@@ -153,90 +153,90 @@ def test_a_user_finds_named_inputs(empty_blender, cloud):
 @pytest.mark.medium
 @pytest.mark.parametrize("name", MAPS)
 def test_each_scale_of_colours_is_that_of_the_legend(empty_blender, cloud, name):
-    thing = show_cloud(bpy.context.scene.collection, "a", cloud)
-    (modifier,) = thing.modifiers
+    obj = show_cloud(bpy.context.scene.collection, "a", cloud)
+    (modifier,) = obj.modifiers
     choose_input(modifier, COLOUR_BY, "Distance")
     choose_input(modifier, COLOUR_MAP, name)
     share = (cloud.true_range - cloud.true_range.min()) / np.ptp(cloud.true_range)
     expected = np.array([on_map(name, part) for part in share])
-    assert np.abs(shown(thing)[:, :3] - expected).max() < 6e-3  # ramps are tables of 257 entries
+    assert np.abs(shown(obj)[:, :3] - expected).max() < 6e-3  # ramps are tables of 257 entries
 
 
 def test_fewer_points_are_shown_in_the_colours_they_had(empty_blender, cloud):
     """A share and a range of heights hide points; those that stay, and their colours, are the same."""
-    thing = show_cloud(bpy.context.scene.collection, "a", cloud)
-    (modifier,) = thing.modifiers
+    obj = show_cloud(bpy.context.scene.collection, "a", cloud)
+    (modifier,) = obj.modifiers
     choose_input(modifier, COLOUR_BY, "Distance")
-    every = shown(thing)
+    every = shown(obj)
     set_input(modifier, SHARE, 0.4)
-    some = shown(thing)
+    some = shown(obj)
     off = 4.5 * np.sqrt(0.24 * len(every))  # standard deviations of a binomial
     assert abs(len(some) - 0.4 * len(every)) < off
     assert {row.tobytes() for row in some} <= {row.tobytes() for row in every}
     assert (shown(show_cloud(bpy.context.scene.collection, "a", cloud)) == some).all()
     set_input(modifier, SHARE, 0.0)
-    assert len(shown(thing)) == 0
+    assert len(shown(obj)) == 0
     set_input(modifier, SHARE, 1.0)
     low, high = np.quantile(cloud.position[:, 2], (0.3, 0.8)) + 1e-4
     set_input(modifier, LOWEST, float(low))
     set_input(modifier, HIGHEST, float(high))
     within = (cloud.position[:, 2] >= low) & (cloud.position[:, 2] <= high)
     assert 0 < np.count_nonzero(within) < len(cloud)
-    assert (shown(thing) == every[within]).all()
-    assert len(thing.data.vertices) == len(cloud)  # nothing is lost
+    assert (shown(obj) == every[within]).all()
+    assert len(obj.data.vertices) == len(cloud)  # nothing is lost
 
 
 def test_the_material_shows_that_colour(empty_blender, cloud):
-    thing = show_cloud(bpy.context.scene.collection, "a", cloud)
+    obj = show_cloud(bpy.context.scene.collection, "a", cloud)
     nodes = bpy.data.materials[MATERIAL].node_tree.nodes
     assert [n.attribute_name for n in nodes if n.type == "ATTRIBUTE"] == ["colour"]
-    assert thing.data.materials[0].name == MATERIAL
+    assert obj.data.materials[0].name == MATERIAL
 
 
 def test_new_points_come_into_the_object_that_is_there(empty_blender, cloud):
     """Whatever the user has done to it stays: menu, radius, modifiers, material, collection, references."""
     home = bpy.context.scene.collection
-    thing = show_cloud(home, "a", cloud)
-    modifier, plain = thing.modifiers["Points"], shown(thing)
+    obj = show_cloud(home, "a", cloud)
+    modifier, plain = obj.modifiers["Points"], shown(obj)
     holder, key = drawn_inputs(modifier)[COLOUR_BY]
     by_tree = modifier[key[2:-2]] + 1 if holder is modifier else "Tree"
     set_input(modifier, COLOUR_BY, by_tree)
     set_input(modifier, "Radius", 0.07)
-    was = shown(thing)
+    was = shown(obj)
     assert (was != plain).any()
-    thing.modifiers.new("mine", "DISPLACE")
+    obj.modifiers.new("mine", "DISPLACE")
     mine = bpy.data.materials.new("mine")
-    thing.data.materials[0] = mine
-    thing.location.x, thing.hide_render = 3.0, False
-    follower = bpy.data.objects.new("follower", thing.data)  # shares the points
-    follower.constraints.new("COPY_LOCATION").target = thing
+    obj.data.materials[0] = mine
+    obj.location.x, obj.hide_render = 3.0, False
+    follower = bpy.data.objects.new("follower", obj.data)  # shares the points
+    follower.constraints.new("COPY_LOCATION").target = obj
     home.objects.link(follower)
     own = bpy.data.collections.new("mine")
     home.children.link(own)
-    own.objects.link(thing)
-    home.objects.unlink(thing)
+    own.objects.link(obj)
+    home.objects.unlink(obj)
 
-    assert show_cloud(home, "a", cloud) == thing
-    assert len(thing.data.vertices) == len(cloud)
-    assert [m.name for m in thing.modifiers] == ["Points", "mine"]
-    assert (thing.location.x, thing.hide_render) == (3.0, False)
-    assert list(thing.data.materials) == [mine]
-    assert follower.data == thing.data
-    assert follower.constraints[0].target == thing
-    assert list(thing.users_collection) == [own]
-    thing.modifiers.remove(thing.modifiers["mine"])
-    assert (shown(thing) == was).all()
+    assert show_cloud(home, "a", cloud) == obj
+    assert len(obj.data.vertices) == len(cloud)
+    assert [m.name for m in obj.modifiers] == ["Points", "mine"]
+    assert (obj.location.x, obj.hide_render) == (3.0, False)
+    assert list(obj.data.materials) == [mine]
+    assert follower.data == obj.data
+    assert follower.constraints[0].target == obj
+    assert list(obj.users_collection) == [own]
+    obj.modifiers.remove(obj.modifiers["mine"])
+    assert (shown(obj) == was).all()
     assert len(bpy.data.meshes) == 1
 
 
 def test_a_copy_and_one_that_was_renamed_are_the_users(empty_blender, cloud):
     home = bpy.context.scene.collection
-    thing = show_cloud(home, "a", cloud)
-    copy = thing.copy()
+    obj = show_cloud(home, "a", cloud)
+    copy = obj.copy()
     home.objects.link(copy)
-    thing.name = "kept for the paper"
-    assert show_cloud(home, "a", cloud) not in (thing, copy)
-    assert {thing, copy} < set(home.objects)
+    obj.name = "kept for the paper"
+    assert show_cloud(home, "a", cloud) not in (obj, copy)
+    assert {obj, copy} < set(home.objects)
 
 
 # -------------------------------------------------------------------------------------------- shaded
@@ -452,7 +452,7 @@ def test_a_second_run_replaces_the_sound(empty_blender):
 
 
 def hills():
-    return [thing for thing in bpy.context.scene.objects if thing.name.startswith(HORIZON)]
+    return [obj for obj in bpy.context.scene.objects if obj.name.startswith(HORIZON)]
 
 
 def test_hills_are_rendered_and_met_by_no_sensor(empty_blender):
@@ -460,15 +460,15 @@ def test_hills_are_rendered_and_met_by_no_sensor(empty_blender):
     for _ in range(2):  # laid again they stand in place of the first
         lay_horizon(scene, np.array([5.0, 7.0]), 20.0, 3.0)
     assert len(hills()) == len(RINGS) + 1  # and the plain
-    for thing in hills():
-        thing.hide_viewport = False  # else the depsgraph would not hold them anyway
-        assert not thing.hide_render
+    for obj in hills():
+        obj.hide_viewport = False  # else the depsgraph would not hold them anyway
+        assert not obj.hide_render
     bpy.context.view_layer.update()
     assert len(read_scene(bpy.context.evaluated_depsgraph_get())) == 0
-    plain, *rings = sorted(hills(), key=lambda thing: len(thing.data.vertices))
+    plain, *rings = sorted(hills(), key=lambda obj: len(obj.data.vertices))
     assert max(corner.co.z for corner in plain.data.vertices) < 3.0
-    for thing, (beyond, high, _) in zip(rings, RINGS, strict=True):
-        place = np.array([corner.co for corner in thing.data.vertices])
+    for obj, (beyond, high, _) in zip(rings, RINGS, strict=True):
+        place = np.array([corner.co for corner in obj.data.vertices])
         away = np.hypot(*(place[:, :2] - [5.0, 7.0]).T)
         np.testing.assert_allclose(away, 20.0 + beyond, rtol=1e-5)
         assert place[:, 2].min() < 3.0 < place[:, 2].max() < 3.0 + 2 * high
@@ -477,10 +477,10 @@ def test_hills_are_rendered_and_met_by_no_sensor(empty_blender):
 def test_farther_hills_are_paler(empty_blender):
     lay_horizon(bpy.context.scene, np.zeros(2), 10.0, 0.0)
     shades = []
-    for thing in hills():
-        if thing.name.endswith("plain"):
+    for obj in hills():
+        if obj.name.endswith("plain"):
             continue
-        nodes = thing.data.materials[0].node_tree.nodes
+        nodes = obj.data.materials[0].node_tree.nodes
         glow = next(node for node in nodes if node.type == "EMISSION")
         shades.append(sum(glow.inputs["Color"].default_value[:3]))
     assert shades == sorted(shades)

@@ -41,11 +41,11 @@ def quad(x, part, leaf=-1):
 
 
 def add(mesh, name="thing", **keys):
-    thing = bpy.data.objects.new(name, to_mesh(name, mesh))
-    bpy.context.scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new(name, to_mesh(name, mesh))
+    bpy.context.scene.collection.objects.link(obj)
     for key, value in keys.items():
-        thing[key] = value
-    return thing
+        obj[key] = value
+    return obj
 
 
 def read():
@@ -96,15 +96,15 @@ def test_an_empty_mesh_is_harmless(empty_blender):
 
 
 def test_a_moved_object_moves_its_hits(empty_blender):
-    thing = add(quad(0, WOOD))
+    obj = add(quad(0, WOOD))
     assert distance_along_x(read()) == pytest.approx(5, abs=1e-6)
-    thing.location.x = 2.5
+    obj.location.x = 2.5
     assert distance_along_x(read()) == pytest.approx(7.5, abs=1e-6)
 
 
 def test_an_array_modifier_adds_hits_and_leaves(empty_blender):
-    thing = add(quad(0, LEAF, 0))
-    modifier = thing.modifiers.new("Array", "ARRAY")
+    obj = add(quad(0, LEAF, 0))
+    modifier = obj.modifiers.new("Array", "ARRAY")
     modifier.use_relative_offset, modifier.use_constant_offset = False, True
     modifier.constant_offset_displace, modifier.count = (0, 4, 0), 3
     scene = read()
@@ -115,13 +115,13 @@ def test_an_array_modifier_adds_hits_and_leaves(empty_blender):
 
 
 def test_a_bend_changes_distances_and_leaf_normals(empty_blender):
-    thing = add(quad(0, LEAF, 0))
+    obj = add(quad(0, LEAF, 0))
     before = measure_leaves(read().meshes[0])
-    modifier = thing.modifiers.new("Bend", "SIMPLE_DEFORM")
+    modifier = obj.modifiers.new("Bend", "SIMPLE_DEFORM")
     modifier.deform_method, modifier.deform_axis, modifier.angle = "TWIST", "Z", 1.2
     after = measure_leaves(read().meshes[0])
     assert abs(before.normal[0] @ after.normal[0]) < 0.99
-    assert thing.data.vertices[2].co.x == 0  # the original is untouched
+    assert obj.data.vertices[2].co.x == 0  # the original is untouched
 
 
 def test_instances_share_one_mesh_and_carry_their_tree(empty_blender):
@@ -162,9 +162,9 @@ def node_group(build):
     return group
 
 
-def with_nodes(thing, build):
-    thing.modifiers.new("Nodes", "NODES").node_group = node_group(build)
-    return thing
+def with_nodes(obj, build):
+    obj.modifiers.new("Nodes", "NODES").node_group = node_group(build)
+    return obj
 
 
 def row(count, offset, what=None, keep=False):
@@ -221,9 +221,9 @@ def shown_by_iterator():
 
 def library_of(*things):
     library = bpy.data.collections.new("library")
-    for thing in things:
-        library.objects.link(thing)
-        bpy.context.scene.collection.objects.unlink(thing)
+    for obj in things:
+        library.objects.link(obj)
+        bpy.context.scene.collection.objects.unlink(obj)
     return library
 
 
@@ -353,9 +353,9 @@ def test_optics_of_material_then_object(empty_blender):
     for material in (bpy.data.materials.new("frame"), pane):
         mesh.materials.append(material)
     mesh.polygons[1].material_index = 1
-    thing = bpy.data.objects.new("m", mesh)
-    thing["forest_optics"] = "mirror"
-    bpy.context.scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new("m", mesh)
+    obj["forest_optics"] = "mirror"
+    bpy.context.scene.collection.objects.link(obj)
     with_nodes(add(quad(1, WOOD), "b", forest_optics="water"), row(3, (1, 0, 0)))
     scene = read()
     name = np.array(scene.object_name)[scene.object_index]
@@ -373,9 +373,9 @@ def test_reflectance_of_material_then_object_then_scanner(empty_blender):
     for material in (plain, leaf):
         mesh.materials.append(material)
     mesh.polygons[1].material_index = 1
-    thing = bpy.data.objects.new("m", mesh)
-    thing[REFLECTANCE_KEY] = 0.2
-    bpy.context.scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new("m", mesh)
+    obj[REFLECTANCE_KEY] = 0.2
+    bpy.context.scene.collection.objects.link(obj)
     add(quad(5, WOOD), "n")
     scene = read()
     first = scene.object_name.index("m")
@@ -384,37 +384,37 @@ def test_reflectance_of_material_then_object_then_scanner(empty_blender):
     assert found.tolist() == [0.2, 0.45, 0.5, 0.5]
 
 
-def changes(thing):
+def changes(obj):
     """Everything a user does to a scene, one at a time."""
 
     def animate():
-        thing.location.x = 7
-        thing.keyframe_insert("location", frame=1)
-        thing.location.x = 9
-        thing.keyframe_insert("location", frame=10)
+        obj.location.x = 7
+        obj.keyframe_insert("location", frame=1)
+        obj.location.x = 9
+        obj.keyframe_insert("location", frame=10)
         bpy.context.scene.frame_set(1)
 
-    yield lambda: setattr(thing.location, "x", 1.5)
-    yield lambda: setattr(thing.data.vertices[0].co, "x", 0.25)
-    yield lambda: setattr(thing.modifiers.new("a", "ARRAY"), "count", 3)
-    yield lambda: setattr(thing.modifiers["a"], "count", 2)
-    yield lambda: with_nodes(thing, row(2, (0, 0, 5)))
+    yield lambda: setattr(obj.location, "x", 1.5)
+    yield lambda: setattr(obj.data.vertices[0].co, "x", 0.25)
+    yield lambda: setattr(obj.modifiers.new("a", "ARRAY"), "count", 3)
+    yield lambda: setattr(obj.modifiers["a"], "count", 2)
+    yield lambda: with_nodes(obj, row(2, (0, 0, 5)))
     yield lambda: setattr(
-        thing.modifiers["Nodes"].node_group.nodes["Mesh Line"].inputs["Count"], "default_value", 4
+        obj.modifiers["Nodes"].node_group.nodes["Mesh Line"].inputs["Count"], "default_value", 4
     )
     yield lambda: add(quad(4, WOOD))
-    yield lambda: setattr(thing, "parent", add(quad(4, WOOD)))
-    yield lambda: setattr(thing.parent.location, "y", 3.0)
+    yield lambda: setattr(obj, "parent", add(quad(4, WOOD)))
+    yield lambda: setattr(obj.parent.location, "y", 3.0)
     yield animate
     yield lambda: bpy.context.scene.frame_set(5)
-    yield lambda: thing.hide_set(True)
-    yield lambda: thing.hide_set(False)
-    yield lambda: bpy.data.objects.remove(thing)
+    yield lambda: obj.hide_set(True)
+    yield lambda: obj.hide_set(False)
+    yield lambda: bpy.data.objects.remove(obj)
 
 
 def test_what_is_kept_is_never_stale(empty_blender):
-    thing = add(quad(0, WOOD))
-    for number, change in enumerate(changes(thing)):
+    obj = add(quad(0, WOOD))
+    for number, change in enumerate(changes(obj)):
         before = read()
         assert read() is before, "nothing changed"
         change()
@@ -451,8 +451,8 @@ def test_curves_and_text_are_seen(empty_blender):
 
 
 def test_a_negative_scale_keeps_distances(empty_blender):
-    thing = add(quad(1, WOOD))
-    thing.scale = (-2, 1, 1)
+    obj = add(quad(1, WOOD))
+    obj.scale = (-2, 1, 1)
     assert distance_along_x(read()) == pytest.approx(3, abs=1e-6)
 
 
@@ -463,15 +463,15 @@ def observe(engine="auto"):
 
 @pytest.mark.parametrize("how", ["deleted", "unlinked", "added", "none that counts"])
 def test_what_comes_or_goes_is_set_up_anew_and_an_estimate_knows(empty_blender, how):
-    thing, home = add(quad(0, WOOD)), bpy.context.scene.collection
+    obj, home = add(quad(0, WOOD)), bpy.context.scene.collection
     spare = bpy.data.objects.new("spare", to_mesh("spare", quad(2, WOOD)))
     add(quad(1, WOOD))
     observe().ran.add("terrestrial")
     assert depsgraph.ready() == {"terrestrial"}
     if how == "deleted":
-        bpy.data.objects.remove(thing)
+        bpy.data.objects.remove(obj)
     elif how == "unlinked":
-        home.objects.unlink(thing)
+        home.objects.unlink(obj)
     else:
         spare[IGNORED_KEY] = how != "added"
         home.objects.link(spare)
@@ -546,10 +546,10 @@ def test_meshes_of_a_closed_file_are_let_go(empty_blender, tmp_path):
 
 @pytest.mark.parametrize("update", [True, False])
 def test_a_property_set_by_a_script_counts_in_the_first_run(empty_blender, update):
-    thing, other = add(quad(0, WOOD)), add(quad(1, WOOD))
+    obj, other = add(quad(0, WOOD)), add(quad(1, WOOD))
     depsgraph_now = bpy.context.evaluated_depsgraph_get
     assert len(read_scene(depsgraph_now())) == 2
-    thing[IGNORED_KEY] = True
+    obj[IGNORED_KEY] = True
     if update:
         bpy.context.view_layer.update()
     assert read_scene(depsgraph_now()).object_name == (other.name,)
@@ -597,12 +597,12 @@ def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):
     from forest_addon.blender.read.depsgraph import read_scene
     from forest_addon.blender.scene.meshes import to_mesh
 
-    thing = bpy.data.objects.new("tree", to_mesh("tree", tree))
-    bpy.context.collection.objects.link(thing)
+    obj = bpy.data.objects.new("tree", to_mesh("tree", tree))
+    bpy.context.collection.objects.link(obj)
     plain = read_scene(bpy.context.evaluated_depsgraph_get()).meshes[0]
     assert np.shares_memory(plain.triangles, tree.triangles)
     assert np.array_equal(plain.vertices, tree.vertices.astype(np.float32))
-    twice = thing.modifiers.new("twice", "ARRAY")
+    twice = obj.modifiers.new("twice", "ARRAY")
     twice.count = 2
     shown = read_scene(bpy.context.evaluated_depsgraph_get()).meshes[0]
     assert len(shown.triangles) == 2 * len(tree.triangles)
@@ -634,9 +634,9 @@ def look_at(place, corners=None):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     corners = np.array([[0, -1, 0], [0, 1, 0], [0, 1, 2.0]]) if corners is None else corners
     mesh = TriMesh.of_part(np.asarray(corners, float), np.array([[0, 1, 2]]), OTHER)
-    thing = bpy.data.objects.new("hut", to_mesh("hut", mesh))
-    thing.location = place
-    bpy.context.scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new("hut", to_mesh("hut", mesh))
+    obj.location = place
+    bpy.context.scene.collection.objects.link(obj)
     return Observer(bpy.context.evaluated_depsgraph_get())
 
 

@@ -67,9 +67,9 @@ def test_blender_reads_back_every_tree_where_it_stood(empty_blender, instancing,
     bpy.ops.import_scene.gltf(filepath=str(tmp_path / "forest.glb"))
     found = np.array(
         [
-            thing.matrix_world
-            for thing in bpy.context.scene.objects
-            if thing.type == "MESH" and thing.data.name.split(".")[0] in forest.labels
+            obj.matrix_world
+            for obj in bpy.context.scene.objects
+            if obj.type == "MESH" and obj.data.name.split(".")[0] in forest.labels
         ]
     )
     assert len(found) == len(forest.stand)
@@ -253,9 +253,9 @@ def folder(tmp_path: Path) -> Path:
         corners = np.arange(3 * len(facets)).reshape(-1, 3)
         mesh.from_pydata(facets.reshape(-1, 3).tolist(), [], corners.tolist())
         mesh.materials.append(bpy.data.materials.new(material))
-        thing = bpy.data.objects.new(name, mesh)
-        thing.location.x = 2.0
-        bpy.context.scene.collection.objects.link(thing)
+        obj = bpy.data.objects.new(name, mesh)
+        obj.location.x = 2.0
+        bpy.context.scene.collection.objects.link(obj)
     bpy.context.view_layer.update()
     bpy.ops.wm.obj_export(filepath=str(tmp_path / "tree.obj"))
     bpy.ops.wm.ply_export(filepath=str(tmp_path / "tree.ply"))
@@ -279,11 +279,11 @@ def test_a_tree_is_read_and_nothing_of_it_stays(
 ) -> None:
     bpy.context.scene.collection.objects[0].select_set(True)
     before, scene = state(), bpy.context.scene
-    selected = [thing.name for thing in bpy.context.selected_objects]
+    selected = [obj.name for obj in bpy.context.selected_objects]
     groups = read_groups(folder / f"tree.{ending}")
     assert state() == before
     assert bpy.context.scene == scene
-    assert [thing.name for thing in bpy.context.selected_objects] == selected
+    assert [obj.name for obj in bpy.context.selected_objects] == selected
 
     parts = sort_out(groups)
     assert parts.said == told
@@ -421,7 +421,7 @@ def test_scenes_of_every_format_open_in_metres_and_z_up(empty_blender, tmp_path,
         getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=file)
     empty_file()
     open_file(Path(file))
-    boxes = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
+    boxes = [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]
     corners = [boxes[0].matrix_world @ Vector(corner) for corner in boxes[0].bound_box]
     assert np.min(corners, axis=0) == pytest.approx([4, 5, 0], abs=1e-5)
     assert np.max(corners, axis=0) == pytest.approx([5, 7, 3], abs=1e-5)
@@ -448,11 +448,11 @@ def test_a_mesh_at_map_coordinates_is_refused_at_both_doors(empty_blender, tmp_p
     far = Vector((432_100, 5_612_300, 120))
     for aside in (0, 2000 if wide else 30):
         bpy.ops.mesh.primitive_ico_sphere_add(radius=2, location=(aside, 0, 0))
-        thing = bpy.context.object
+        obj = bpy.context.object
         if how == "corners":
-            thing.data.transform(Matrix.Translation(far))
+            obj.data.transform(Matrix.Translation(far))
         else:
-            thing.location += far
+            obj.location += far
     file = str(tmp_path / f"a{ending}")
     if ending == ".glb":
         bpy.ops.export_scene.gltf(filepath=file)

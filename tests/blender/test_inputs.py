@@ -37,9 +37,9 @@ def depsgraph():
 def add(name, corners, faces, home=None):
     data = bpy.data.meshes.new(name)
     data.from_pydata(corners, [], faces)
-    thing = bpy.data.objects.new(name, data)
-    (home or bpy.context.scene.collection).objects.link(thing)
-    return thing
+    obj = bpy.data.objects.new(name, data)
+    (home or bpy.context.scene.collection).objects.link(obj)
+    return obj
 
 
 def slab(name, z, low=0.0, high=10.0):
@@ -51,8 +51,8 @@ def slab(name, z, low=0.0, high=10.0):
 
 
 def test_a_moved_turned_object_is_terrain_where_it_stands(empty_blender):
-    thing = add("hill", [(0, 0, 0), (8, 0, 0), (0, 8, 4)], [(0, 1, 2)])  # z = y / 2
-    thing.location, thing.rotation_euler = (100, 200, 5), (0, 0, np.pi / 2)
+    obj = add("hill", [(0, 0, 0), (8, 0, 0), (0, 8, 4)], [(0, 1, 2)])  # z = y / 2
+    obj.location, obj.rotation_euler = (100, 200, 5), (0, 0, np.pi / 2)
     ground = read_terrain("hill", depsgraph())
     inside = np.array([[99.0, 201.0], [96.0, 203.0]])  # local y is 100 - x
     assert np.allclose(ground.height(inside), 5 + (100 - inside[:, 0]) / 2, atol=1e-5)
@@ -60,8 +60,8 @@ def test_a_moved_turned_object_is_terrain_where_it_stands(empty_blender):
 
 
 def test_modifiers_of_the_terrain_count(empty_blender):
-    thing = slab("flat", 0.0)
-    thing.modifiers.new("Up", "DISPLACE").mid_level = 0.25  # 1 - 0.25 along the normal
+    obj = slab("flat", 0.0)
+    obj.modifiers.new("Up", "DISPLACE").mid_level = 0.25  # 1 - 0.25 along the normal
     assert read_terrain("flat", depsgraph()).height(np.array([[5.0, 5.0]]))[0] == pytest.approx(
         0.75, abs=1e-6
     )
@@ -104,10 +104,10 @@ def test_no_tree_stands_over_a_hole_and_the_missing_are_counted(empty_blender):
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_on_a_slope_no_gap_shows_under_a_trunk(empty_blender, instancing):
     """Rays along the slope, just above it, meet the foot of every tree before they could pass below."""
-    thing = add("slope", [(0, 0, 0), (10, 0, 6), (10, 10, 6), (0, 10, 0)], [(0, 1, 2, 3)])
+    obj = add("slope", [(0, 0, 0), (10, 0, 6), (10, 10, 6), (0, 10, 0)], [(0, 1, 2, 3)])
     settings, inputs, forest = forest_on("slope", instancing=instancing)
     build(bpy.context.scene, settings, forest, inputs.terrain)
-    assert thing.name in bpy.context.scene.objects
+    assert obj.name in bpy.context.scene.objects
     assert not part(bpy.context.scene, GROUND_NAME).objects
     scene = Observer(depsgraph()).geometry
     base = forest.transforms()[:, :, 3]
@@ -175,9 +175,9 @@ def painted_square():
 
 
 def test_a_vertex_group_is_read_by_name_or_as_the_active_one(empty_blender):
-    thing = painted_square()
+    obj = painted_square()
     for name, weight in (("oaks", 0.5), ("ash", 1.0)):
-        group = thing.vertex_groups.new(name=name)
+        group = obj.vertex_groups.new(name=name)
         group.add([1, 2], weight, "REPLACE")
     assert read_painted("field:oaks", depsgraph()).weight.tolist() == [0, 0.5, 0.5, 0]
     assert read_painted("field", depsgraph()).weight.tolist() == [0, 1, 1, 0]  # the last made
@@ -197,8 +197,8 @@ def test_a_vertex_group_is_read_by_name_or_as_the_active_one(empty_blender):
     ],
 )
 def test_attributes_of_every_kind_weigh(empty_blender, kind, domain, key, values, expected):
-    thing = painted_square()
-    attribute = thing.data.attributes.new("w", kind, domain)
+    obj = painted_square()
+    attribute = obj.data.attributes.new("w", kind, domain)
     attribute.data.foreach_set(key, np.ravel(values))
     painted = read_painted("field:w", depsgraph())
     found = painted.weight[painted.triangles]
@@ -212,18 +212,18 @@ def test_attributes_of_every_kind_weigh(empty_blender, kind, domain, key, values
 
 
 def test_a_name_with_a_colon_is_an_object_where_there_is_one(empty_blender):
-    thing = painted_square()
-    thing.name = "site: north"
-    thing.vertex_groups.new(name="w").add([0], 1.0, "REPLACE")
+    obj = painted_square()
+    obj.name = "site: north"
+    obj.vertex_groups.new(name="w").add([0], 1.0, "REPLACE")
     assert read_painted("site: north", depsgraph()).weight.tolist() == [1, 0, 0, 0]
     assert read_painted("site: north:w", depsgraph()).weight.tolist() == [1, 0, 0, 0]
 
 
 @pytest.mark.medium
 def test_trees_stand_where_it_is_painted(empty_blender):
-    thing = painted_square()
-    thing.location = (20, 0, 0)
-    thing.vertex_groups.new(name="w").add([1, 2], 1.0, "REPLACE")  # grows along x
+    obj = painted_square()
+    obj.location = (20, 0, 0)
+    obj.vertex_groups.new(name="w").add([1, 2], 1.0, "REPLACE")  # grows along x
     settings = spec.Scene(
         seed=1,
         forest=spec.Forest(size=(40.0, 20.0)),
@@ -307,10 +307,10 @@ def near(settings=HORIZON):
     return replace(settings, forest=replace(settings.forest, margin=20.0))
 
 
-def box(thing):
+def box(obj):
     """Corners of what a view shows, which View All frames."""
     bpy.context.view_layer.update()
-    corners = np.array(thing.evaluated_get(bpy.context.evaluated_depsgraph_get()).bound_box)
+    corners = np.array(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).bound_box)
     return corners.min(axis=0), corners.max(axis=0)
 
 

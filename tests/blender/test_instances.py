@@ -45,9 +45,9 @@ def library(name):
     for number, size in enumerate(SIZES):
         data = bpy.data.meshes.new("v")
         data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, size)], [], [(0, 1, 2)])
-        thing = bpy.data.objects.new(f"{name} {number:03d}", data)
-        thing.location = (50, 50, 50)  # where a variant itself is does not matter
-        home.objects.link(thing)
+        obj = bpy.data.objects.new(f"{name} {number:03d}", data)
+        obj.location = (50, 50, 50)  # where a variant itself is does not matter
+        home.objects.link(obj)
     return home
 
 
@@ -65,19 +65,19 @@ def columns(count=COUNT):
 
 def plant(light=False, **changes):
     data = points_mesh("Trees", len(SIZES), **(columns() | changes))
-    thing = bpy.data.objects.new("Trees", data)
-    bpy.context.scene.collection.objects.link(thing)
-    nodes.give_instancer(thing, library("full"), library("rough"), light)
-    return thing
+    obj = bpy.data.objects.new("Trees", data)
+    bpy.context.scene.collection.objects.link(obj)
+    nodes.give_instancer(obj, library("full"), library("rough"), light)
+    return obj
 
 
-def placed(thing):
-    return read_points(thing.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+def placed(obj):
+    return read_points(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
 
 
 def test_every_attribute_comes_back_from_the_evaluated_instances(empty_blender):
-    thing, told = plant(), columns()
-    found = placed(thing)
+    obj, told = plant(), columns()
+    found = placed(obj)
     assert (found.tree == told["tree"]).all()
     assert (found.species == told["species"]).all()
     heights = np.array([source.data.vertices[2].co.z for source in found.source])
@@ -91,21 +91,21 @@ def test_every_attribute_comes_back_from_the_evaluated_instances(empty_blender):
 
 
 def test_a_moved_object_takes_its_trees_along(empty_blender):
-    thing = plant()
-    thing.location = (0, 0, 100)
+    obj = plant()
+    obj.location = (0, 0, 100)
     bpy.context.view_layer.update()
-    assert np.allclose(placed(thing).transform[:, 2, 3], columns()["position"][:, 2] + 100)
+    assert np.allclose(placed(obj).transform[:, 2, 3], columns()["position"][:, 2] + 100)
 
 
 def test_points_deleted_by_hand_are_trees_gone(empty_blender):
-    thing, told = plant(), columns()
-    bpy.context.view_layer.objects.active = thing
-    for vertex in thing.data.vertices:
+    obj, told = plant(), columns()
+    bpy.context.view_layer.objects.active = obj
+    for vertex in obj.data.vertices:
         vertex.select = vertex.index % 2 == 0
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.delete(type="VERT")
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert (placed(thing).tree == told["tree"][1::2]).all()
+    assert (placed(obj).tree == told["tree"][1::2]).all()
 
 
 @pytest.mark.parametrize(
@@ -126,9 +126,9 @@ def test_a_tree_that_cannot_stand_is_refused(empty_blender, changes, words):
 
 
 def test_the_node_group_is_made_once_and_kept_as_edited(empty_blender):
-    thing = plant()
+    obj = plant()
     group = nodes.instancer_group()
-    assert thing.modifiers[0].node_group == group
+    assert obj.modifiers[0].node_group == group
     add = group.nodes.new("GeometryNodeTranslateInstances")
     add.inputs["Translation"].default_value = (0, 0, 7)
     add.inputs["Local Space"].default_value = False
@@ -151,16 +151,16 @@ def test_every_node_is_labelled_and_none_covers_another(empty_blender):
 
 
 def test_light_views_show_outlines_and_sensors_see_trees(empty_blender):
-    thing = plant(light=True)
-    assert {source.name[:5] for source in placed(thing).source} == {"rough"}
+    obj = plant(light=True)
+    assert {source.name[:5] for source in placed(obj).source} == {"rough"}
     depsgraph = bpy.context.evaluated_depsgraph_get()
     with nodes.in_full(depsgraph):
-        inside = read_points(thing.evaluated_get(depsgraph))
+        inside = read_points(obj.evaluated_get(depsgraph))
         assert {source.name[:4] for source in inside.source} == {"full"}
-    assert {source.name[:5] for source in placed(thing).source} == {"rough"}
+    assert {source.name[:5] for source in placed(obj).source} == {"rough"}
     with pytest.raises(ZeroDivisionError), nodes.in_full(depsgraph):
         raise ZeroDivisionError
-    assert nodes.is_light(thing.modifiers[0])
+    assert nodes.is_light(obj.modifiers[0])
 
 
 def test_a_user_finds_named_inputs(empty_blender):
@@ -175,12 +175,12 @@ def test_a_user_finds_named_inputs(empty_blender):
 
 
 def test_size_and_turn_of_all_are_seen_by_sensors_too(empty_blender):
-    thing, told = plant(), columns()
-    (modifier,) = thing.modifiers
+    obj, told = plant(), columns()
+    (modifier,) = obj.modifiers
     nodes.set_input(modifier, nodes.ALL_SCALE, 1.5)
     nodes.set_input(modifier, nodes.ALL_ROTATION, 0.25)
     other = plant(scale=1.5 * told["scale"], rotation=told["rotation"] + 0.25)
-    found, expected = placed(thing).transform, placed(other).transform
+    found, expected = placed(obj).transform, placed(other).transform
     assert np.abs(found - expected).max() < 1e-5
     scene = read_scene(bpy.context.evaluated_depsgraph_get())
     assert len(scene.transform) == 2 * COUNT
@@ -188,41 +188,41 @@ def test_size_and_turn_of_all_are_seen_by_sensors_too(empty_blender):
 
 @pytest.mark.parametrize("within", [0.0, 90.0, 1e4])
 def test_stand_ins_are_whole_near_the_camera_and_sensors_see_all_whole(empty_blender, within):
-    thing = plant()
-    nodes.set_input(thing.modifiers[0], nodes.LIGHT, True)
-    nodes.set_input(thing.modifiers[0], nodes.NEAR, within)
-    before = placed(thing)
+    obj = plant()
+    nodes.set_input(obj.modifiers[0], nodes.LIGHT, True)
+    nodes.set_input(obj.modifiers[0], nodes.NEAR, within)
+    before = placed(obj)
     assert {source.name[:5] for source in before.source} == {"rough"}  # there is no camera
     camera = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     bpy.context.scene.collection.objects.link(camera)
     bpy.context.scene.camera, camera.location = camera, (1.0, 2.0, 3.0)
-    thing.update_tag()
-    found = placed(thing)
+    obj.update_tag()
+    found = placed(obj)
     away = np.linalg.norm(found.transform[:, :, 3] - np.array(camera.location), axis=1)
     whole = np.array([found.source[k].name.startswith("full") for k in found.index])
     assert (whole == (away <= within)).all()
     assert 0 < whole.sum() < len(whole) or within != 90
     with nodes.in_full(bpy.context.evaluated_depsgraph_get()):
-        assert {source.name[:4] for source in placed(thing).source} == {"full"}
+        assert {source.name[:4] for source in placed(obj).source} == {"full"}
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 def test_views_show_a_share_of_the_trees_and_sensors_see_all(empty_blender, share):
-    thing = plant()
-    (modifier,) = thing.modifiers
-    every = placed(thing)
+    obj = plant()
+    (modifier,) = obj.modifiers
+    every = placed(obj)
     nodes.set_input(modifier, nodes.SHARE, share)
-    some = placed(thing)
+    some = placed(obj)
     # 200 draws: outside of 4.5 standard deviations once in 100,000 seeds, and the seed is fixed
     off = 4.5 * np.sqrt(COUNT * share * (1 - share))
     assert abs(len(some) - share * COUNT) <= off
     assert set(some.tree) <= set(every.tree)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     with nodes.in_full(depsgraph):
-        inside = read_points(thing.evaluated_get(depsgraph))
+        inside = read_points(obj.evaluated_get(depsgraph))
     assert inside.transform.tobytes() == every.transform.tobytes()
     assert (inside.tree == every.tree).all()
-    assert (placed(thing).tree == some.tree).all()  # as it was, and the same ones
+    assert (placed(obj).tree == some.tree).all()  # as it was, and the same ones
     assert len(Observer(depsgraph).geometry.transform) == COUNT
 
 
@@ -279,8 +279,8 @@ def test_lidar_labels_are_the_same_for_points_and_for_objects(empty_blender, gro
 @pytest.mark.medium
 def test_the_planned_variant_stands_at_every_place(empty_blender, grown):
     build(bpy.context.scene, scene_of("points"), grown)
-    (thing,) = part(bpy.context.scene, TREES).all_objects
-    found = placed(thing)
+    (obj,) = part(bpy.context.scene, TREES).all_objects
+    found = placed(obj)
     stand = grown.stand
     for row, tree in enumerate(found.tree):
         planned = f"{grown.labels[stand.species[tree]]}.{stand.variant[tree]:03d}"
@@ -294,7 +294,7 @@ def test_many_trees_become_points_by_themselves(empty_blender, grown):
     build(bpy.context.scene, few, grown)
     trees = part(bpy.context.scene, TREES).all_objects
     assert len(trees) == len(grown.stand) <= MANY
-    assert all(TREE_KEY in thing and SPECIES_KEY in thing for thing in trees)
+    assert all(TREE_KEY in obj and SPECIES_KEY in obj for obj in trees)
     assert not part(bpy.context.scene, OUTLINES).objects
 
 
@@ -304,12 +304,12 @@ def test_variants_are_hidden_assets_with_a_picture(empty_blender, grown):
     variants = part(bpy.context.scene, VARIANTS)
     assert variants.hide_viewport
     assert variants.hide_render
-    assert [thing.name for thing in variants.objects] == sorted(t.name for t in variants.objects)
-    for thing in variants.objects:
-        label = thing.data.name.split(".")[0]
-        assert {"tree", label} <= {tag.name for tag in thing.asset_data.tags}
-        assert f"{label}, " in thing.asset_data.description
-        picture = np.array(thing.preview.image_pixels_float).reshape(-1, 4)
+    assert [obj.name for obj in variants.objects] == sorted(t.name for t in variants.objects)
+    for obj in variants.objects:
+        label = obj.data.name.split(".")[0]
+        assert {"tree", label} <= {tag.name for tag in obj.asset_data.tags}
+        assert f"{label}, " in obj.asset_data.description
+        picture = np.array(obj.preview.image_pixels_float).reshape(-1, 4)
         assert 0.05 < picture[:, 3].mean() < 0.9
         green = picture[picture[:, 3] > 0, :3].mean(axis=0)
         assert green[1] > green[2]
@@ -320,7 +320,7 @@ def test_nobody_draws_variants_of_a_scene_that_is_not_kept(empty_blender, grown,
     build(bpy.context.scene, scene_of("points"), grown, as_assets=False)
     variants = part(bpy.context.scene, VARIANTS).objects
     assert len(variants) == len(grown.variants)
-    assert not any(thing.asset_data for thing in variants)
+    assert not any(obj.asset_data for obj in variants)
 
 
 @pytest.mark.medium
@@ -372,9 +372,9 @@ def ready_grown(asked):
 def ready_library(scene):
     """Shape, custom properties and picture of every variant, and the corners of its stand-in."""
     found = []
-    for thing in part(scene, VARIANTS).objects:
-        data, picture = thing.data, np.empty(4 * assets.PIXELS**2, np.float32)
-        thing.preview.image_pixels_float.foreach_get(picture)
+    for obj in part(scene, VARIANTS).objects:
+        data, picture = obj.data, np.empty(4 * assets.PIXELS**2, np.float32)
+        obj.preview.image_pixels_float.foreach_get(picture)
         said = {key: value for key, value in data.items() if key.endswith(("_m", "_m2", "_m3"))}
         found.append((data["forest_shape"], said, picture.tobytes()))
     corners = [[tuple(v.co) for v in t.data.vertices] for t in part(scene, OUTLINES).objects]
@@ -418,7 +418,7 @@ def test_measures_and_pictures_can_follow_once_the_forest_stands(monkeypatch):
     build(later, other, anew, as_assets=False)
     wanted = assets.untold(later, anew)
     assert set(wanted) == set(anew.variants)
-    assert not any("height_m" in thing.data for thing in part(later, VARIANTS).objects)
+    assert not any("height_m" in obj.data for obj in part(later, VARIANTS).objects)
     first, second = part(later, VARIANTS).objects
     second.asset_clear()
     assets.tell_variants(later, anew, forest_scene.tell_of(anew, wanted[:1]))  # cancelled half way
@@ -463,21 +463,21 @@ def counts():
 
 
 def rock(home, name="rock"):
-    thing = bpy.data.objects.new(name, bpy.data.meshes.new(name))
-    home.objects.link(thing)
-    return thing
+    obj = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+    home.objects.link(obj)
+    return obj
 
 
 @pytest.mark.medium
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_building_again_piles_nothing_up_and_keeps_names(empty_blender, ours_grown, instancing):
     ours_plant(ours_grown, instancing)
-    before = counts(), sorted(thing.name for thing in bpy.data.objects)
+    before = counts(), sorted(obj.name for obj in bpy.data.objects)
     names = sorted(home.name for home in bpy.data.collections)
     ours_plant(ours_grown, instancing)
-    assert (counts(), sorted(thing.name for thing in bpy.data.objects)) == before
+    assert (counts(), sorted(obj.name for obj in bpy.data.objects)) == before
     assert sorted(home.name for home in bpy.data.collections) == names
-    assert all(is_ours(thing) for thing in bpy.data.objects)
+    assert all(is_ours(obj) for obj in bpy.data.objects)
 
 
 @pytest.mark.slow
@@ -576,5 +576,5 @@ def test_another_forest_of_the_same_file_is_left_alone(empty_blender, ours_grown
 def test_meshes_keep_the_number_of_their_variant(empty_blender, ours_grown):
     for _ in range(3):
         ours_plant(ours_grown)
-        for thing in part(bpy.context.scene, VARIANTS).objects:
-            assert thing.name.split(" ", 1)[1] == thing.data.name
+        for obj in part(bpy.context.scene, VARIANTS).objects:
+            assert obj.name.split(" ", 1)[1] == obj.data.name

@@ -59,24 +59,24 @@ def bring(file, kind, name, link):
 def stand(block, matrix):
     """Put what was brought into the scene, moved, turned and scaled."""
     if isinstance(block, bpy.types.Collection):
-        thing = bpy.data.objects.new("drop", None)
-        thing.instance_type, thing.instance_collection = "COLLECTION", block
+        obj = bpy.data.objects.new("drop", None)
+        obj.instance_type, obj.instance_collection = "COLLECTION", block
     elif block.library is None:
-        thing = block
+        obj = block
     else:  # a linked object is moved by an object of this file that wears its mesh
-        thing = bpy.data.objects.new("drop", block.data)
-    bpy.context.scene.collection.objects.link(thing)
-    thing.matrix_world = matrix
+        obj = bpy.data.objects.new("drop", block.data)
+    bpy.context.scene.collection.objects.link(obj)
+    obj.matrix_world = matrix
     bpy.context.view_layer.update()
-    return thing
+    return obj
 
 
 def direct(tree, matrix, number):
     """The same tree, built by us."""
-    thing = bpy.data.objects.new("ours", to_mesh("ours", tree.mesh))
-    thing["forest_tree"], thing["forest_species"] = number, 0
-    bpy.context.scene.collection.objects.link(thing)
-    thing.matrix_world = matrix
+    obj = bpy.data.objects.new("ours", to_mesh("ours", tree.mesh))
+    obj["forest_tree"], obj["forest_species"] = number, 0
+    bpy.context.scene.collection.objects.link(obj)
+    obj.matrix_world = matrix
     bpy.context.view_layer.update()
 
 
@@ -217,21 +217,21 @@ def test_leaves_of_a_stretched_tree_are_those_of_its_triangles(empty_blender):
     write_truth(mesh, "bilberry#1", "bilberry", tree)
     shear = Matrix(((1, 0.4, 0, 0), (0, 1, 0, 0), (0, 0.2, -1.5, 0), (0, 0, 0, 1)))
     for matrix in (BENT, shear):
-        thing = bpy.data.objects.new("bilberry", mesh)
-        bpy.context.scene.collection.objects.link(thing)
-        thing.matrix_world = matrix
+        obj = bpy.data.objects.new("bilberry", mesh)
+        bpy.context.scene.collection.objects.link(obj)
+        obj.matrix_world = matrix
         bpy.context.view_layer.update()
         placed = api.current().observer.placed_trees
         leaves, table = placed_leaves(placed), placed_table(placed)
-        world = tree.mesh.vertices @ np.array(thing.matrix_world)[:3, :3].T
-        world += np.array(thing.matrix_world)[:3, 3]
+        world = tree.mesh.vertices @ np.array(obj.matrix_world)[:3, :3].T
+        world += np.array(obj.matrix_world)[:3, 3]
         truth = measure_leaves(replace(tree.mesh, vertices=world))
         assert np.abs(leaves["centre"] - truth.centre).max() < 1e-5
         assert np.abs(leaves["radius"] / truth.radius - 1).max() < 1e-3
         facing = np.abs(np.einsum("li,li->l", leaves["normal"], truth.normal))
         assert facing.min() > 1 - 1e-4
         assert table["leaf_area_m2"][0] == pytest.approx(np.pi * (truth.radius**2).sum(), rel=1e-4)
-        bpy.data.objects.remove(thing)
+        bpy.data.objects.remove(obj)
 
 
 def test_a_file_without_such_trees_has_none(empty_blender):

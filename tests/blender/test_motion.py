@@ -26,24 +26,24 @@ FAN = forest.Terrestrial(
 )
 
 
-def keyed(thing, path, rows, frames):
+def keyed(obj, path, rows, frames):
     """Linear keys of a property at frames."""
     for frame, row in zip(frames, rows, strict=True):
-        setattr(thing, path, row)
-        thing.keyframe_insert(path, frame=frame)
-    curves = curves_of(thing)
+        setattr(obj, path, row)
+        obj.keyframe_insert(path, frame=frame)
+    curves = curves_of(obj)
     for curve in curves:
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
         curve.extrapolation = "LINEAR"
 
 
-def hide(thing, frames):
+def hide(obj, frames):
     """Key whether an object is hidden, from frames on."""
     for frame, hidden in frames.items():
-        thing.hide_viewport = thing.hide_render = hidden
-        thing.keyframe_insert("hide_viewport", frame=frame)
-        thing.keyframe_insert("hide_render", frame=frame)
+        obj.hide_viewport = obj.hide_render = hidden
+        obj.keyframe_insert("hide_viewport", frame=frame)
+        obj.keyframe_insert("hide_render", frame=frame)
 
 
 def ways(cloud):

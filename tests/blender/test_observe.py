@@ -136,8 +136,8 @@ def test_speakers_empties_and_cameras_are_ends_where_they_are(trees):
     ear, eye = (
         bpy.data.objects.new(n, d) for n, d in (("Ear", None), ("Eye", bpy.data.cameras.new("E")))
     )
-    for thing in (boat, ear, eye):
-        scene.collection.objects.link(thing)
+    for obj in (boat, ear, eye):
+        scene.collection.objects.link(obj)
     boat.location, ear.location, eye.location = (-4, 2, 0.25), (8, 2, 0.25), (1, 0, 0.125)
     eye.parent = ear
     bpy.context.view_layer.update()
@@ -189,9 +189,9 @@ def curve(points, name="Way", closed=False):
     spline.points.add(len(points) - 1)
     spline.points.foreach_set("co", [x for p in points for x in (*p, 1.0)])
     spline.use_cyclic_u = closed
-    thing = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(thing)
-    return thing
+    obj = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
 
 
 def test_a_curve_is_followed_in_the_world(empty_blender):
@@ -228,8 +228,8 @@ def test_an_object_is_followed_frame_by_frame_also_through_its_parent(empty_blen
     scene.frame_start, scene.frame_end, scene.render.fps = 1, 26, 25
     scene.frame_set(7)
     carrier, head = (bpy.data.objects.new(n, None) for n in ("carrier", "head"))
-    for thing in (carrier, head):
-        scene.collection.objects.link(thing)
+    for obj in (carrier, head):
+        scene.collection.objects.link(obj)
     head.parent = carrier
     head.location, head.scale = (0, 0, 2), (3, 3, 3)
     for frame, x in ((1, 0.0), (26, 10.0)):
@@ -273,9 +273,9 @@ def test_nowhere_to_go(empty_blender, spoil, words):
 
 
 def test_an_object_without_size_has_no_direction(empty_blender):
-    thing = bpy.data.objects.new("Way", None)
-    thing.scale = (0, 1, 1)
-    bpy.context.scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new("Way", None)
+    obj.scale = (0, 1, 1)
+    bpy.context.scene.collection.objects.link(obj)
     with pytest.raises(SpecError, match="scale of zero"):
         Observer.way(Mobile(follow="Way"))
 
@@ -285,17 +285,17 @@ def bat(empty_blender):
     """An empty that flies 4 m along Y in frames 1 to 25, turning by 90°; 24 frames a second."""
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end, scene.render.fps = 1, 25, 24
-    thing = bpy.data.objects.new("Bat", None)
-    scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new("Bat", None)
+    scene.collection.objects.link(obj)
     for frame, y, turn in ((1, 0.0, 0.0), (25, 4.0, math.pi / 2)):
-        thing.location, thing.rotation_euler = (1, y, 2), (0, 0, turn)
-        thing.keyframe_insert("location", frame=frame)
-        thing.keyframe_insert("rotation_euler", frame=frame)
-    for curve in curves_of(thing):
+        obj.location, obj.rotation_euler = (1, y, 2), (0, 0, turn)
+        obj.keyframe_insert("location", frame=frame)
+        obj.keyframe_insert("rotation_euler", frame=frame)
+    for curve in curves_of(obj):
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
         curve.extrapolation = "LINEAR"
-    return thing
+    return obj
 
 
 def test_an_animated_object_over_the_frames(bat):
@@ -320,8 +320,8 @@ def test_a_child_moves_with_its_parent(bat):
 
 
 def test_along_a_curve(empty_blender):
-    thing = curve([(0, 0, 0), (3, 0, 0), (3, 3, 0)])
-    thing.location = (0, 0, 5)
+    obj = curve([(0, 0, 0), (3, 0, 0), (3, 3, 0)])
+    obj.location = (0, 0, 5)
     bpy.context.view_layer.update()
     poses = Observer.way(Sonar(follow="Way", poses=5, speed=2.0))
     expected = [[0, 0, 5], [1.5, 0, 5], [3, 0, 5], [3, 1.5, 5], [3, 3, 5]]
@@ -335,11 +335,11 @@ def test_along_a_curve(empty_blender):
 def test_a_sonar_flies_where_a_scanner_drives_whatever_is_drawn_around_the_curve(empty_blender):
     """A bevelled curve is a tube, and other splines are no part of the way: positions are those of the bare
     line to the bit, at an even speed, also for the scanner at the same times."""
-    thing = curve([(0, 0, 2), (4, 0, 2), (4, 3, 3)])
+    obj = curve([(0, 0, 2), (4, 0, 2), (4, 3, 3)])
     sonar = Sonar(follow="Way", poses=9, speed=2.0)
     bare = Observer.way(sonar)
-    thing.data.bevel_depth, thing.data.bevel_resolution = 0.3, 4
-    other = thing.data.splines.new("POLY")
+    obj.data.bevel_depth, obj.data.bevel_resolution = 0.3, 4
+    other = obj.data.splines.new("POLY")
     other.points.add(1)
     other.points[1].co = (9, 9, 9, 1)
     bpy.context.view_layer.update()
@@ -364,7 +364,7 @@ def test_a_closed_curve_is_pinged_along_once(empty_blender):
 def test_a_sonar_cannot_follow_what_is_not_there_or_goes_nowhere(empty_blender):
     with pytest.raises(SpecError, match="no object"):
         Observer.way(Sonar(follow="Nobody"))
-    thing = bpy.data.objects.new("Dot", bpy.data.curves.new("Dot", "CURVE"))
-    bpy.context.scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new("Dot", bpy.data.curves.new("Dot", "CURVE"))
+    bpy.context.scene.collection.objects.link(obj)
     with pytest.raises(SpecError, match="no length"):
         Observer.way(Sonar(follow="Dot"))

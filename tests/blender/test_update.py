@@ -88,7 +88,7 @@ def ours(name, scene=None):
     """Objects of one part of the forest, by their names."""
     home = part(scene or bpy.context.scene, name)
     homes = (home, *home.children_recursive)  # ``all_objects`` may be stale after an undo
-    return {thing.name: thing for home in homes for thing in home.objects}
+    return {obj.name: obj for home in homes for obj in home.objects}
 
 
 def first(name):
@@ -105,21 +105,21 @@ def told(scene=None):
     """All that a forest shows: names, places, meshes, materials, numbers, collections."""
     things = {}
     for name in PARTS:
-        for thing in ours(name, scene).values():
-            slots = tuple(slot.material and slot.material.name for slot in thing.material_slots)
+        for obj in ours(name, scene).values():
+            slots = tuple(slot.material and slot.material.name for slot in obj.material_slots)
             shown = ()
-            if thing.modifiers and scene is None:
-                placed = read_points(thing.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+            if obj.modifiers and scene is None:
+                placed = read_points(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
                 sources = [placed.source[i].name for i in placed.index]
                 shown = (sources, placed.transform.tobytes(), placed.tree.tobytes())
-            things[thing.name] = (
-                tuple(map(tuple, thing.matrix_world)),
-                vertices(thing.data),
-                thing.data.name,
+            things[obj.name] = (
+                tuple(map(tuple, obj.matrix_world)),
+                vertices(obj.data),
+                obj.data.name,
                 slots,
-                (thing.get(TREE_KEY), thing.get(SPECIES_KEY)),
+                (obj.get(TREE_KEY), obj.get(SPECIES_KEY)),
                 shown,
-                [home.name for home in thing.users_collection],
+                [home.name for home in obj.users_collection],
             )
     return things
 
@@ -286,7 +286,7 @@ def test_edits_of_a_plantings_collection_stay(empty_blender):
     assert list(part(bpy.context.scene, TREES).children) == [grove]
     plant(species=("hazelnut",))
     assert not grove.objects  # renamed, it is the user's, but its trees were the forest's
-    assert len([thing for thing in bpy.data.objects if TREE_KEY in thing]) == 9
+    assert len([obj for obj in bpy.data.objects if TREE_KEY in obj]) == 9
 
 
 def test_parts_are_found_where_the_user_put_them(empty_blender):
@@ -309,10 +309,10 @@ def test_parts_are_found_where_the_user_put_them(empty_blender):
 def test_edits_of_objects_stay(empty_blender, how):
     plant(how)
     edited = [first(name) for name in (TREES, VARIANTS, GROUND_NAME)]
-    for thing in edited:
-        thing.hide_render = thing.hide_select = thing.show_wire = True
-        thing["mine"], thing.data["mine"], thing.pass_index = "x", {"a": [1.5]}, 4
-        thing.visible_shadow = False
+    for obj in edited:
+        obj.hide_render = obj.hide_select = obj.show_wire = True
+        obj["mine"], obj.data["mine"], obj.pass_index = "x", {"a": [1.5]}, 4
+        obj.visible_shadow = False
     tree = first(TREES)
     tree.hide_set(True)
     variant = first(VARIANTS)
@@ -320,11 +320,11 @@ def test_edits_of_objects_stay(empty_blender, how):
     variant.asset_data.tags.new("best")
     plant(how, seed=2)
     assert [first(name) for name in (TREES, VARIANTS, GROUND_NAME)] == edited
-    for thing in edited:
-        assert (thing.hide_render, thing.hide_select, thing.show_wire) == (True, True, True)
-        assert (thing["mine"], thing.pass_index, thing.visible_shadow) == ("x", 4, False)
-    for thing in edited[1:]:
-        assert thing.data["mine"].to_dict() == {"a": [1.5]}
+    for obj in edited:
+        assert (obj.hide_render, obj.hide_select, obj.show_wire) == (True, True, True)
+        assert (obj["mine"], obj.pass_index, obj.visible_shadow) == ("x", 4, False)
+    for obj in edited[1:]:
+        assert obj.data["mine"].to_dict() == {"a": [1.5]}
     assert tree.hide_get()
     assert variant.asset_data.author == "me"
     assert {"best", "tree", "apple-stochastic"} <= set(variant.asset_data.tags.keys())
@@ -337,37 +337,37 @@ def test_a_tree_in_a_collection_of_the_users_is_brought_up_to_date_there(empty_b
     plant()
     both, moved = list(ours(TREES).values())[:2]
     own = collection("Chosen")
-    for thing in (both, moved):
-        own.objects.link(thing)
+    for obj in (both, moved):
+        own.objects.link(obj)
     part(bpy.context.scene, TREES).children[0].objects.unlink(moved)
     number = moved[TREE_KEY]
     forest = plant(seed=2)
     assert {home.name for home in both.users_collection} == {"apple-stochastic", "Chosen"}
     assert list(moved.users_collection) == [own]
     assert np.allclose(moved.matrix_world.translation[:2], forest.stand.position[number, :2])
-    assert len([thing for thing in bpy.data.objects if TREE_KEY in thing]) == 9
+    assert len([obj for obj in bpy.data.objects if TREE_KEY in obj]) == 9
 
 
 def test_trees_that_hang_on_something_go_along_with_it(empty_blender):
     plant()
     anchor = bpy.data.objects.new("anchor", None)
     bpy.context.scene.collection.objects.link(anchor)
-    for thing in ours(TREES).values():
-        thing.parent = anchor
+    for obj in ours(TREES).values():
+        obj.parent = anchor
     anchor.location = (100, 0, 5)
     forest = plant(seed=2)
-    for thing in ours(TREES).values():
-        where = forest.transforms()[thing[TREE_KEY]]
-        assert thing.parent == anchor
+    for obj in ours(TREES).values():
+        where = forest.transforms()[obj[TREE_KEY]]
+        assert obj.parent == anchor
         shifted = where[:, 3] + [100, 0, 5]
-        assert np.allclose(thing.matrix_world.translation, shifted, atol=1e-5)
+        assert np.allclose(obj.matrix_world.translation, shifted, atol=1e-5)
 
 
 # ----------------------------------------------------------------------------------------- materials
 
 
-def slots(thing):
-    return [slot.material for slot in thing.material_slots]
+def slots(obj):
+    return [slot.material for slot in obj.material_slots]
 
 
 @pytest.mark.medium
@@ -380,11 +380,11 @@ def test_edits_of_materials_stay(empty_blender, how, seed):
     noise = bark.node_tree.nodes.new("ShaderNodeTexVoronoi")
     noise.name = "mine"
     mine = bpy.data.materials.new("mine")
-    for thing in [*ours(VARIANTS).values(), *ours(GROUND_NAME).values()]:
-        thing.data.materials[-1] = mine
+    for obj in [*ours(VARIANTS).values(), *ours(GROUND_NAME).values()]:
+        obj.data.materials[-1] = mine
     plant(how, seed=seed)
-    for thing in ours(VARIANTS).values():
-        assert slots(thing) == [bark, mine]
+    for obj in ours(VARIANTS).values():
+        assert slots(obj) == [bark, mine]
     assert slots(first(GROUND_NAME)) == [mine]
     assert bark.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value == (
         pytest.approx(0.123)
@@ -416,8 +416,8 @@ def test_a_further_variant_wears_what_the_first_of_its_species_wears(empty_blend
     only.data.materials[0] = mine
     plant(count=12, species=("apple-stochastic", "hazelnut"))
     assert len(ours(VARIANTS)) > 3
-    for name, thing in ours(VARIANTS).items():
-        assert (slots(thing)[0] == mine) == ("apple-stochastic" in name)
+    for name, obj in ours(VARIANTS).items():
+        assert (slots(obj)[0] == mine) == ("apple-stochastic" in name)
 
 
 @pytest.mark.slow
@@ -428,8 +428,8 @@ def test_a_look_that_changes_recolours_our_materials_and_no_others(empty_blender
     bark, _ = slots(first(VARIANTS))
     bark.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.123
     mine = bpy.data.materials.new("mine")
-    for thing in ours(VARIANTS).values():
-        thing.data.materials[1] = mine
+    for obj in ours(VARIANTS).values():
+        obj.data.materials[1] = mine
     before = mine.diffuse_color[:]
     look = (0.05, 0.1, 0.3)
     plant(how, seed=seed, look=look)
@@ -475,12 +475,12 @@ def test_materials_that_were_deleted_come_back(empty_blender, how, seed):
 def test_modifiers_of_the_users_stay_and_work(empty_blender, how):
     plant(how)
     edited = [first(name) for name in (TREES, VARIANTS, GROUND_NAME)]
-    for thing in edited:
-        thing.modifiers.new("mine", "DISPLACE").strength = 0.25
+    for obj in edited:
+        obj.modifiers.new("mine", "DISPLACE").strength = 0.25
     plant(how, seed=2)
-    for thing in edited:
-        assert thing.modifiers["mine"].strength == 0.25
-    assert [len(thing.modifiers) for thing in edited] == [2 if how == "points" else 1, 1, 1]
+    for obj in edited:
+        assert obj.modifiers["mine"].strength == 0.25
+    assert [len(obj.modifiers) for obj in edited] == [2 if how == "points" else 1, 1, 1]
     ground = first(GROUND_NAME).evaluated_get(bpy.context.evaluated_depsgraph_get())
     assert np.array([v.co.z for v in ground.data.vertices]).max() == pytest.approx(0.125)
 
@@ -493,22 +493,22 @@ def inputs(modifier):
 
 def test_edits_of_the_instancer_stay(empty_blender, monkeypatch):
     plant("points")
-    (thing,) = ours(TREES).values()
-    (modifier,) = thing.modifiers
+    (obj,) = ours(TREES).values()
+    (modifier,) = obj.modifiers
     group = modifier.node_group
     group.nodes.new("GeometryNodeTranslateInstances").name = "mine"
     shrubs = collection("Shrubs")
     nodes.set_input(modifier, "Variants", shrubs)
     nodes.set_input(modifier, "Light View", True)
     plant("points", seed=2)
-    assert list(thing.modifiers) == [modifier]
+    assert list(obj.modifiers) == [modifier]
     assert (modifier.node_group, "mine" in group.nodes) == (group, True)
     expected = {"Variants": shrubs, "Outlines": part(bpy.context.scene, OUTLINES)}
     assert inputs(modifier) == expected | {"Light View": True}
     copy = group.copy()
     modifier.node_group = copy
     plant("points", seed=1)
-    assert [m.node_group for m in thing.modifiers] == [copy]
+    assert [m.node_group for m in obj.modifiers] == [copy]
 
 
 def test_a_view_becomes_light_by_itself_until_the_user_chooses(empty_blender, monkeypatch):
@@ -530,21 +530,21 @@ def test_an_instancer_that_lost_something_works_again(empty_blender, loss):
     fresh = {name: facts[5] for name, facts in told().items()}
     empty()
     plant("points")
-    (thing,) = ours(TREES).values()
+    (obj,) = ours(TREES).values()
     if loss == "modifier":
-        thing.modifiers.clear()
+        obj.modifiers.clear()
     elif loss == "group":
-        bpy.data.node_groups.remove(thing.modifiers[0].node_group)
+        bpy.data.node_groups.remove(obj.modifiers[0].node_group)
     elif loss == "outlines socket":
-        tree = thing.modifiers[0].node_group.interface
+        tree = obj.modifiers[0].node_group.interface
         tree.remove(next(i for i in tree.items_tree if i.name == "Outlines"))
     else:
         bpy.data.collections.remove(part(bpy.context.scene, VARIANTS))
     plant("points", seed=2)
-    assert len(thing.modifiers) == 1
-    shown = told()[thing.name][5]
-    assert [name[:24] for name in shown[0]] == [name[:24] for name in fresh[thing.name][0]]
-    assert shown[1:] == fresh[thing.name][1:]
+    assert len(obj.modifiers) == 1
+    shown = told()[obj.name][5]
+    assert [name[:24] for name in shown[0]] == [name[:24] for name in fresh[obj.name][0]]
+    assert shown[1:] == fresh[obj.name][1:]
 
 
 # -------------------------------------------------------------------------------------------- meshes
@@ -580,11 +580,11 @@ def test_a_mesh_of_the_users_stays_on_our_object(empty_blender, how):
 
 def test_trees_follow_their_variants_whatever_the_meshes_are_called(empty_blender):
     plant()
-    for number, thing in enumerate(ours(VARIANTS).values()):
-        thing.data.name = f"mine {number}"
+    for number, obj in enumerate(ours(VARIANTS).values()):
+        obj.data.name = f"mine {number}"
     for seed in (2, 3, 1):
         forest = plant(seed=seed)
-        shown = {name.split(" ", 1)[1]: thing.data for name, thing in ours(VARIANTS).items()}
+        shown = {name.split(" ", 1)[1]: obj.data for name, obj in ours(VARIANTS).items()}
         for tree in ours(TREES).values():
             number = forest.stand.variant[tree[TREE_KEY]]
             assert tree.data == shown[f"apple-stochastic.{number:03d}"]
@@ -635,8 +635,8 @@ def test_what_others_put_among_the_variants_is_not_taken_for_one(empty_blender, 
     mine.data = mesh()
     part(bpy.context.scene, VARIANTS).objects.link(mine)
     forest = plant("points", seed=2)
-    thing = ours(TREES)["Trees"]
-    placed = read_points(thing.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    obj = ours(TREES)["Trees"]
+    placed = read_points(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
     for row, tree in enumerate(placed.tree):
         planned = f"apple-stochastic.{forest.stand.variant[tree]:03d}"
         assert placed.source[placed.index[row]].data.name == planned
@@ -778,14 +778,14 @@ def test_a_linked_forest_within_ours_is_left_alone(empty_blender, how, name, tmp
     for one in linked:
         part(bpy.context.scene, name).children.link(one)
         bpy.context.scene.collection.children.link(one)
-    before = {thing.session_uid for one in linked for thing in one.all_objects}
+    before = {obj.session_uid for one in linked for obj in one.all_objects}
     for seed in (2, 1):
         plant(how, seed=seed)
-        assert {thing.session_uid for one in linked for thing in one.all_objects} == before
+        assert {obj.session_uid for one in linked for obj in one.all_objects} == before
         assert all(one in list(part(bpy.context.scene, name).children) for one in linked)
         assert root(bpy.context.scene).library is None
         things = part(bpy.context.scene, TREES).all_objects
-        trees = {thing for thing in things if thing.library is None}
+        trees = {obj for obj in things if obj.library is None}
         assert len(trees) == (9 if how == "objects" else 1)
 
 
@@ -795,8 +795,8 @@ def dissolve(home):
         c for c in (bpy.context.scene.collection, *bpy.data.collections) if home in list(c.children)
     ]
     for parent in above:
-        for thing in home.objects:
-            parent.objects.link(thing)
+        for obj in home.objects:
+            parent.objects.link(obj)
         for child in home.children:
             parent.children.link(child)
     bpy.data.collections.remove(home)

@@ -140,11 +140,11 @@ def told(place, world, sway, shape):
 
 def shown(place):
     """Corners of what a view shows of trees that are points."""
-    thing = next(t for t in bpy.data.objects if any(is_wind(m) for m in t.modifiers))
+    obj = next(t for t in bpy.data.objects if any(is_wind(m) for m in t.modifiers))
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    found = [from_mesh(thing.evaluated_get(depsgraph).data).vertices]
+    found = [from_mesh(obj.evaluated_get(depsgraph).data).vertices]
     for one in depsgraph.object_instances:
-        if one.parent is not None and one.parent.original == thing and one.object.type == "MESH":
+        if one.parent is not None and one.parent.original == obj and one.object.type == "MESH":
             at = np.array(one.matrix_world, dtype=np.float64)
             found.append(from_mesh(one.object.data).vertices @ at[:3, :3].T + at[:3, 3])
     return np.concatenate(found)
@@ -163,7 +163,7 @@ def test_trees_that_are_points_sway_as_they_are_displayed(display):
     if display == "DOTS":
         assert not len(shown(place))
         return
-    outlines = sorted(layout.part(place, layout.OUTLINES).objects, key=lambda thing: thing.name)
+    outlines = sorted(layout.part(place, layout.OUTLINES).objects, key=lambda obj: obj.name)
     number = {key: k for k, key in enumerate(world.forest.variants)}
     light = {key: from_mesh(outlines[k].data) for key, k in number.items()}
     shape = sway.rest if display == "FULL" else lambda row: light[sway.variant(row)]
@@ -204,8 +204,8 @@ def test_a_baked_file_moves_as_the_view_does(tmp_path, ending):
             bpy.context.scene.frame_set(frame)
             things = bpy.context.evaluated_depsgraph_get().objects
             back[frame] = [t.matrix_world[0][3] for t in things if t.type == "MESH"]
-        meshes = [thing for thing in things if thing.type == "MESH"]
-        written = sum(len(thing.data.polygons) for thing in meshes)
+        meshes = [obj for obj in things if obj.type == "MESH"]
+        written = sum(len(obj.data.polygons) for obj in meshes)
     else:
         pxr = pytest.importorskip("pxr")
         from pxr import Usd, UsdGeom  # noqa: F401

@@ -50,7 +50,7 @@ def test_fly_writes_tables_picture_and_blend(tmp_path):
     assert len(ends) == 3
     assert sum(end == "arrived" for end in ends.values()) == int(success[0]["arrived"])
     bpy.ops.wm.open_mainfile(filepath=str(out / "flights.blend"))
-    flyers = [thing for thing in bpy.data.objects if thing.animation_data]
+    flyers = [obj for obj in bpy.data.objects if obj.animation_data]
     assert len(flyers) == 3
 
 

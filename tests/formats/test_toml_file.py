@@ -354,7 +354,7 @@ def test_a_template_is_cut_once_in_a_process(tmp_path):
 def test_what_is_kept_of_templates_does_not_grow_with_scenes(tmp_path):
     def kept():
         gc.collect()
-        return sum(isinstance(thing, BranchTemplate) for thing in gc.get_objects())
+        return sum(isinstance(obj, BranchTemplate) for obj in gc.get_objects())
 
     counts = []
     for _ in range(3):

@@ -95,8 +95,8 @@ def scenario(steps: Steps) -> Scenario:
     yield from opened(steps, "the gallery", lambda: press("forest.gallery"))
 
     steps.step("scan this scene, with the legend of its points")
-    for thing in list(bpy.data.objects):
-        bpy.data.objects.remove(thing)
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
     bpy.ops.mesh.primitive_plane_add(size=20)
     bpy.ops.mesh.primitive_monkey_add(size=3, location=(0, 3, 1.5))
     bpy.ops.mesh.primitive_cube_add(size=2, location=(3, 0, 1))
@@ -118,8 +118,8 @@ def scenario(steps: Steps) -> Scenario:
     eye.location, eye.rotation_euler = (0, -14, 6), (1.2, 0, 0)
     bpy.context.scene.collection.objects.link(eye)
     bpy.context.scene.camera = eye
-    for thing in bpy.data.objects:
-        thing.hide_render = thing is not shown
+    for obj in bpy.data.objects:
+        obj.hide_render = obj is not shown
     bpy.context.scene.cycles.samples = bpy.context.scene.eevee.taa_render_samples = 1
     engines = bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items.keys()
     eevee = next(e for e in ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT") if e in engines)
@@ -127,8 +127,8 @@ def scenario(steps: Steps) -> Scenario:
         covered = rendered(engine, str(steps.folder / "render.png"))
         print(f"FIGURE {engine} covers {covered:.0%} of the picture with points", flush=True)
         assert covered > 0.02
-    for thing in bpy.data.objects:
-        thing.hide_render = False
+    for obj in bpy.data.objects:
+        obj.hide_render = False
 
     steps.step("frames that the timeline plays")
     cube = bpy.data.objects["Cube"]

@@ -130,11 +130,11 @@ def demo_forest() -> Scenario:
     yield from results(["forest"], 120)
 
 
-def choose(thing: bpy.types.Object) -> None:
+def choose(obj: bpy.types.Object) -> None:
     """Select an object and nothing else."""
     for other in bpy.context.view_layer.objects:
-        other.select_set(other == thing)
-    bpy.context.view_layer.objects.active = thing
+        other.select_set(other == obj)
+    bpy.context.view_layer.objects.active = obj
 
 
 def view() -> tuple[bpy.types.Window, bpy.types.Area, bpy.types.Region, bpy.types.Region]:

@@ -97,16 +97,16 @@ def scenario(steps: Steps) -> Scenario:
 
     steps.step("a full copy is a copy: growing in it moves nothing of the first")
     first = bpy.context.scene
-    stood = {thing.name for thing in first.objects if "forest_tree" in thing}
+    stood = {obj.name for obj in first.objects if "forest_tree" in obj}
     press("scene.new", invoke=False, type="FULL_COPY")
     yield from settle()
     press("forest.build")
     yield 0.3
     yield from wait_for(idle, 120, "the forest of the copy")
     assert bpy.context.scene != first
-    copied = [thing for thing in bpy.context.scene.objects if "forest_tree" in thing]
+    copied = [obj for obj in bpy.context.scene.objects if "forest_tree" in obj]
     assert len(copied) == len(stood) == sum(p.standing for p in props().plantings)
-    assert {thing.name for thing in first.objects if "forest_tree" in thing} == stood
+    assert {obj.name for obj in first.objects if "forest_tree" in obj} == stood
 
     steps.step("every button of every part of a panel")
     bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=False)

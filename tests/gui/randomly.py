@@ -62,7 +62,7 @@ def ours():
 def names():
     """Names that a text of an operator may hold: sensors, results, species, files."""
     props = bpy.context.scene.forest_sensing
-    things = [thing.name for thing in bpy.context.scene.objects]
+    things = [obj.name for obj in bpy.context.scene.objects]
     return ["", *things, *props.results.keys(), "demo", "hazelnut", "tripod", "bat", "sonar"]
 
 
@@ -94,8 +94,8 @@ def settings_of(operator, pick):
 def begin():
     """An empty file with a small forest's settings and a sensor of each kind."""
     bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=False)
-    for thing in list(bpy.data.objects):
-        bpy.data.objects.remove(thing)
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
     props = bpy.context.scene.forest_sensing
     props.forest.size = (6, 6)
     planting = props.plantings.add()
@@ -103,10 +103,10 @@ def begin():
     planting.use_expected, planting.expected = True, 4
     for kind in ("terrestrial", "tractor", "sonar", "reverb"):
         bpy.ops.forest.add_sensor(kind=kind)
-    for thing in bpy.context.scene.objects:
-        if hasattr(thing.forest_sensor, "terrestrial"):
-            thing.forest_sensor.terrestrial.angle_step_deg = 6
-            thing.forest_sensor.sonar.max_range = 4
+    for obj in bpy.context.scene.objects:
+        if hasattr(obj.forest_sensor, "terrestrial"):
+            obj.forest_sensor.terrestrial.angle_step_deg = 6
+            obj.forest_sensor.sonar.max_range = 4
     bpy.context.scene.frame_end = 2
     bpy.ops.forest.build()
 
@@ -118,13 +118,13 @@ def touch(pick):
         return
     if bpy.context.mode != "OBJECT" and pick.random() < 0.5:
         bpy.ops.object.mode_set(mode="OBJECT")
-    thing = pick.choice(things)
-    thing.select_set(pick.random() < 0.7)
-    bpy.context.view_layer.objects.active = thing
+    obj = pick.choice(things)
+    obj.select_set(pick.random() < 0.7)
+    bpy.context.view_layer.objects.active = obj
     if pick.random() < 0.3:
-        thing.location.x += pick.uniform(-1, 1)
+        obj.location.x += pick.uniform(-1, 1)
     if pick.random() < 0.1:
-        thing.name = pick.choice(["tripod", "one", "two"])
+        obj.name = pick.choice(["tripod", "one", "two"])
 
 
 def tried(name, pick, window=False):

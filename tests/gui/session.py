@@ -90,14 +90,14 @@ def a_broken_overlay_stays_alone() -> Scenario:
     known = set(bpy.data.objects)
     press("forest.add_sensor", invoke=False, kind="mobile")
     added = set(bpy.data.objects) - known  # the scanner and its path
-    track = next(thing for thing in added if thing.type != "CURVE")
+    track = next(obj for obj in added if obj.type != "CURVE")
     track.forest_sensor.mobile.follow_pointer = curve
     yield 1
     assert not overlay._broken
     assert len(overlay._outlines) == 4
     assert any(overlay._points.values())
-    for thing in (*added, curve):
-        bpy.data.objects.remove(thing)
+    for obj in (*added, curve):
+        bpy.data.objects.remove(obj)
 
 
 def a_copy_is_chosen() -> Scenario:

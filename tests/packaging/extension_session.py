@@ -148,7 +148,7 @@ def press_every_button(folder: Path) -> dict[str, list[str]]:
     for name, _, _ in coarse.values():
         pressed[name] = sorted(bpy.ops.forest.run(sensor=name))
     pressed["results"] = sorted(result.name for result in props.results)
-    pressed["objects"] = sorted({thing.type for thing in bpy.data.objects})
+    pressed["objects"] = sorted({obj.type for obj in bpy.data.objects})
     pressed["files"] = sorted(file.name for file in folder.iterdir())
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     return pressed

@@ -31,6 +31,7 @@ from forest_addon.spec import (
     Terrain,
     Terrestrial,
 )
+from forest_addon.stand.competition import aside
 from forest_addon.stand.compose import Inputs
 from forest_addon.stand.files import read_tree_list
 from forest_addon.stand.forest import (
@@ -49,7 +50,6 @@ from forest_addon.stand.forest import (
 )
 from forest_addon.stand.intensity.surface import Flat, Heightmap, Triangulated, roughened
 from forest_addon.stand.measured import (
-    aside,
     dbh_at,
     facts_of,
     groups_of,

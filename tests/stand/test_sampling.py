@@ -25,6 +25,15 @@ from forest_addon.spec import (
     Strauss,
     Targets,
 )
+from forest_addon.stand.competition import (
+    MOST_INDEX,
+    OVERLAP,
+    SHORTEST,
+    apart,
+    cover,
+    filled,
+    leaf_area_index,
+)
 from forest_addon.stand.compose import Inputs, TreeList, process_of
 from forest_addon.stand.intensity import functions
 from forest_addon.stand.intensity.functions import (
@@ -47,16 +56,7 @@ from forest_addon.stand.layouts import (
     sample_clusters,
     sample_strauss,
 )
-from forest_addon.stand.measured import (
-    MOST_INDEX,
-    OVERLAP,
-    SHORTEST,
-    apart,
-    cover,
-    filled,
-    leaf_area_index,
-    with_targets,
-)
+from forest_addon.stand.measured import with_targets
 from forest_addon.stand.plan import labels, plan_stand
 from forest_addon.stand.statistics.intensity import Window
 from forest_addon.stand.statistics.law import fit_clusters, fit_strauss, inhomogeneous_k

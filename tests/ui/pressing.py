@@ -27,11 +27,11 @@ def settings_of(name):
 
 
 def trees():
-    return [thing for thing in bpy.data.objects if TREE_KEY in thing]
+    return [obj for obj in bpy.data.objects if TREE_KEY in obj]
 
 
 def clouds():
-    return [thing for thing in bpy.data.objects if CLOUD_KEY in thing]
+    return [obj for obj in bpy.data.objects if CLOUD_KEY in obj]
 
 
 def counts():

@@ -172,10 +172,10 @@ def test_a_scene_replaces_what_was_there(props):
 @IN_BLENDER
 def test_a_pose_comes_back_from_the_transform(props, azimuth, elevation, place):
     sonar = spec.Sonar(position=place, azimuth_deg=azimuth, elevation_deg=elevation)
-    thing = exchange.add_sensor(bpy.context.scene, sonar)
+    obj = exchange.add_sensor(bpy.context.scene, sonar)
     bpy.context.view_layer.update()
-    back = exchange.sensor_of(thing)
-    bpy.data.objects.remove(thing)
+    back = exchange.sensor_of(obj)
+    bpy.data.objects.remove(obj)
     assert back.position == place
     assert back.azimuth_deg == pytest.approx(azimuth, abs=2e-4)
     assert back.elevation_deg == pytest.approx(elevation, abs=2e-4)
@@ -188,11 +188,11 @@ def test_a_pose_comes_back_from_the_transform(props, azimuth, elevation, place):
 @IN_BLENDER
 def test_a_speaker_sends_along_its_minus_z(props, azimuth, elevation):
     reverb = spec.Reverb(facing_azimuth_deg=azimuth, facing_elevation_deg=elevation)
-    thing = exchange.add_sensor(bpy.context.scene, reverb)
+    obj = exchange.add_sensor(bpy.context.scene, reverb)
     bpy.context.view_layer.update()
-    sent = -thing.matrix_world.col[2].to_3d()
-    back = exchange.sensor_of(thing)
-    sensors.remove_sensor(thing)
+    sent = -obj.matrix_world.col[2].to_3d()
+    back = exchange.sensor_of(obj)
+    sensors.remove_sensor(obj)
     up, turn = math.radians(elevation), math.radians(azimuth)
     along = (math.cos(up) * math.cos(turn), math.cos(up) * math.sin(turn), math.sin(up))
     assert tuple(sent) == pytest.approx(along, abs=1e-6)
@@ -201,22 +201,22 @@ def test_a_speaker_sends_along_its_minus_z(props, azimuth, elevation):
 
 
 def test_a_sensor_on_a_parent_is_where_it_is_carried(props):
-    thing = exchange.add_sensor(bpy.context.scene, spec.Sonar(position=(1, 0, 2)))
+    obj = exchange.add_sensor(bpy.context.scene, spec.Sonar(position=(1, 0, 2)))
     carrier = bpy.data.objects.new("carrier", None)
     bpy.context.scene.collection.objects.link(carrier)
-    thing.parent = carrier
+    obj.parent = carrier
     carrier.location, carrier.rotation_euler = (10, 0, 0), (0, 0, math.pi / 2)
     bpy.context.view_layer.update()
-    sonar = exchange.sensor_of(thing)
+    sonar = exchange.sensor_of(obj)
     assert sonar.position == pytest.approx((10, 1, 2), abs=1e-6)
     assert sonar.azimuth_deg == pytest.approx(90, abs=1e-4)
 
 
 def test_a_reverb_without_its_receiver_is_named(props):
-    thing = exchange.add_sensor(bpy.context.scene, spec.Reverb())
-    bpy.data.objects.remove(sensors.receiver_of(thing))
+    obj = exchange.add_sensor(bpy.context.scene, spec.Reverb())
+    bpy.data.objects.remove(sensors.receiver_of(obj))
     with pytest.raises(spec.SpecError, match="receiver is gone"):
-        exchange.sensor_of(thing)
+        exchange.sensor_of(obj)
 
 
 @pytest.mark.parametrize("cls", SINGLE, ids=lambda c: c.__name__)
@@ -507,8 +507,8 @@ def test_frequencies_of_calls_and_records_are_in_khz(sensor):
 
 @pytest.mark.parametrize("degrees", [0.0, 0.036, 0.25, 30.0, 47.5, -72.25, 90.0, 360.0])
 def test_an_angle_that_is_set_is_stored_as_whole_degrees_of_a_file(sensor, degrees):
-    thing = sensor("terrestrial")
-    scanner = thing.forest_sensor.terrestrial
+    obj = sensor("terrestrial")
+    scanner = obj.forest_sensor.terrestrial
     scanner.azimuth_deg_shown = (math.radians(-100.0), math.radians(degrees))
     found = exchange.read(scanner, spec.Terrestrial, "cloud", {"name": "cloud"})
     assert found.azimuth_deg == (-100.0, degrees)
@@ -532,21 +532,21 @@ def listed(props):
     return home.objects[number] if number >= 0 else None
 
 
-def activate(thing):
-    bpy.context.view_layer.objects.active = thing
+def activate(obj):
+    bpy.context.view_layer.objects.active = obj
     bpy.context.view_layer.update()
 
 
-def agree(props, thing):
-    assert listed(props) == chosen_sensor(bpy.context) == thing
+def agree(props, obj):
+    assert listed(props) == chosen_sensor(bpy.context) == obj
 
 
 def test_after_shift_d_the_copy_is_chosen_everywhere(small):
     echo = bpy.data.objects["echo"]
     small.active_sensor = list(sensors.home_of(bpy.context.scene).objects).index(echo)
     agree(small, echo)
-    for thing in bpy.data.objects:
-        thing.select_set(thing == echo)
+    for obj in bpy.data.objects:
+        obj.select_set(obj == echo)
     bpy.ops.object.duplicate()
     copy = bpy.context.view_layer.objects.active
     assert copy != echo

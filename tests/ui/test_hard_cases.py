@@ -192,9 +192,9 @@ def cube(name="cube"):
     data = bpy.data.meshes.new(name)
     corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
     data.from_pydata(corners, [], [(0, 1, 3, 2), (4, 5, 7, 6)])
-    thing = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(thing)
-    return thing
+    obj = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
 
 
 def as_it_is(_):
@@ -203,8 +203,8 @@ def as_it_is(_):
 
 def no_active_object(_):
     bpy.context.view_layer.objects.active = None
-    for thing in bpy.context.selected_objects:
-        thing.select_set(False)
+    for obj in bpy.context.selected_objects:
+        obj.select_set(False)
 
 
 def mode(name):
@@ -280,26 +280,26 @@ def linked_copy_of_the_scene(_):
 
 
 def sensors_deleted(_):
-    for thing in [t for t in bpy.data.objects if sensors.kind_of(t)]:
-        bpy.data.objects.remove(thing)
+    for obj in [t for t in bpy.data.objects if sensors.kind_of(t)]:
+        bpy.data.objects.remove(obj)
 
 
 def sensors_unlinked(_):
     home = sensors.home_of(bpy.context.scene)
-    for thing in list(home.objects):
-        home.objects.unlink(thing)
+    for obj in list(home.objects):
+        home.objects.unlink(obj)
 
 
 def sensor_elsewhere(_):
-    thing = thing_of("sonar")
-    sensors.home_of(bpy.context.scene).objects.unlink(thing)
-    bpy.context.scene.collection.objects.link(thing)
-    bpy.context.view_layer.objects.active = thing
+    obj = thing_of("sonar")
+    sensors.home_of(bpy.context.scene).objects.unlink(obj)
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
 
 
 def sensors_renamed(_):
-    for thing in sensors.sensors_of(bpy.context.scene):
-        thing.name = f"mein {thing.name}/é"
+    for obj in sensors.sensors_of(bpy.context.scene):
+        obj.name = f"mein {obj.name}/é"
 
 
 def receiver_deleted(_):
@@ -392,8 +392,8 @@ def frame_between(_):
 def long_names(folder):
     scene = bpy.context.scene
     scene.name = scene.forest_sensing.name = LONG
-    for thing in sensors.sensors_of(scene):
-        thing.name = LONG
+    for obj in sensors.sensors_of(scene):
+        obj.name = LONG
     long = folder / ("ü" * 60 + ".toml")
     shutil.copy2(folder / "twig.toml", long)
     scene.forest_sensing.plantings[0].species = long.name
@@ -543,10 +543,10 @@ def test_a_linked_scene_is_not_changed(again):
 @pytest.mark.parametrize("link", [linked_forest, overridden_forest])
 def test_a_linked_forest_is_sensed_and_stays(again, link):
     link(again())
-    others = {thing.name_full for thing in bpy.data.objects}
+    others = {obj.name_full for obj in bpy.data.objects}
     press("add_sensor", kind="terrestrial")
     assert press("run") == (True, "")
-    assert others < {thing.name_full for thing in bpy.data.objects}
+    assert others < {obj.name_full for obj in bpy.data.objects}
     points = next(t for t in bpy.data.objects if CLOUD_KEY in t and t.library is None
                   and t.override_library is None)  # fmt: skip
     assert len(points.data.vertices) > 0
@@ -656,10 +656,10 @@ def test_a_full_copy_is_a_forest_of_its_own_and_no_second_one(again, instancing)
         assert press("build") == (True, "")
         if not seed:
             assert (counts(), len(scene.objects)) == (everything, len(first.objects))
-        roles = [thing[layout.ROLE_KEY] for thing in scene.objects if layout.ROLE_KEY in thing]
+        roles = [obj[layout.ROLE_KEY] for obj in scene.objects if layout.ROLE_KEY in obj]
         assert len(roles) == len(set(roles))
     assert {t: t.matrix_world for t in layout.root(first).all_objects}.keys() == trees.keys()
-    assert all(np.array_equal(thing.matrix_world, place) for thing, place in trees.items())
+    assert all(np.array_equal(obj.matrix_world, place) for obj, place in trees.items())
 
 
 def test_a_tree_that_was_renamed_and_moved_or_deleted_in_a_copy_is_no_second_tree(again):
@@ -670,11 +670,11 @@ def test_a_tree_that_was_renamed_and_moved_or_deleted_in_a_copy_is_no_second_tre
     moved, gone = [
         t for t in scene.objects if TREE_KEY in t and layout.TREES in t[layout.ROLE_KEY]
     ][:2]
-    count = sum(TREE_KEY in thing for thing in scene.objects)
+    count = sum(TREE_KEY in obj for obj in scene.objects)
     moved.name, moved.location[:2] = "the old oak", (-3.0, -3.0)
     bpy.data.objects.remove(gone)
     assert press("build") == (True, "")
-    assert sum(TREE_KEY in thing for thing in scene.objects) == count - 1
+    assert sum(TREE_KEY in obj for obj in scene.objects) == count - 1
     places = [tuple(t.location[:2]) for t in scene.objects if TREE_KEY in t]
     assert ((-3.0, -3.0) in places, len(set(places))) == (True, len(places))
     assert "the old oak" in scene.objects

@@ -164,8 +164,8 @@ def test_every_setting_has_its_place(small, sensor):
     sensor("mobile", poses=(spec.Pose(),))
     sensor("airborne")
     seen = []
-    for thing in sensors.sensors_of(bpy.context.scene):
-        bpy.context.view_layer.objects.active = thing
+    for obj in sensors.sensors_of(bpy.context.scene):
+        bpy.context.view_layer.objects.active = obj
         seen += drawn()
     posed = {name for names in KINDS.values() for name in names.posed} | {"name"}
     in_a_line = set(SPREADS)  # distributions: under the label of what is drawn
@@ -194,8 +194,8 @@ def test_basic_hides_the_papers_symbols(small):
 
 def test_a_reverb_is_not_a_wall_of_fields(small):
     """At most ten without *Advanced*, with where it stands, whatever is chosen in one of them."""
-    thing = bpy.data.objects["reverb"]
-    group = thing.forest_sensor.reverb
+    obj = bpy.data.objects["reverb"]
+    group = obj.forest_sensor.reverb
     hidden = {"name", *KINDS["reverb"].posed, *references.HEARD_TYPES}
     for prop in group.bl_rna.properties:
         values = [item.identifier for item in prop.enum_items] if prop.type == "ENUM" else []
@@ -251,9 +251,9 @@ def kinds(of):
 
 def test_what_does_not_apply_now_is_hidden(small):
     small.advanced = True
-    thing = bpy.data.objects["echo"]
-    bpy.context.view_layer.objects.active = thing
-    settings = thing.forest_sensor.sonar
+    obj = bpy.data.objects["echo"]
+    bpy.context.view_layer.objects.active = obj
+    settings = obj.forest_sensor.sonar
     names = {p.identifier: p.name.partition(" (")[0] for p in settings.bl_rna.properties}
 
     def shown(name):
@@ -402,8 +402,8 @@ def test_what_a_sensor_found_is_told_beside_run(built):
 def test_a_list_that_has_lost_its_sensors_says_that_one_can_be_added(small):
     """The collection stays where sensors were deleted, with what belonged to them."""
     assert "No sensor yet: add one" not in drawn()
-    for thing in sensors.sensors_of(bpy.context.scene):
-        bpy.data.objects.remove(thing)
+    for obj in sensors.sensors_of(bpy.context.scene):
+        bpy.data.objects.remove(obj)
     assert "No sensor yet: add one" in drawn()
 
 
@@ -499,7 +499,7 @@ def test_a_planting_shows_what_stands(built):
     from forest_addon.ui.forest.panels import _planting_row
 
     (planting,) = built.plantings
-    standing = len([thing for thing in bpy.data.objects if "forest_tree" in thing])
+    standing = len([obj for obj in bpy.data.objects if "forest_tree" in obj])
     assert planting.standing == standing
     meant = round(planting.expected)
     assert _planting_row(planting).right in (
@@ -525,9 +525,9 @@ def offered(group, name, typed=""):
 def plane(name):
     data = bpy.data.meshes.new(name)
     data.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0)], [], [(0, 1, 2)])
-    thing = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(thing)
-    return thing
+    obj = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
 
 
 def texts():
@@ -558,14 +558,14 @@ def test_a_file_beside_the_blend_file_becomes_a_whole_path(props, tmp_path):
 
 
 def test_every_layer_that_is_offered_can_be_read(small):
-    thing = plane("meadow")
-    thing.vertex_groups.new(name="weights")
-    thing.data.attributes.new("share", "FLOAT", "FACE")
-    thing.data.attributes.new("flow", "FLOAT_VECTOR", "POINT")
-    thing.data.color_attributes.new("tint", "FLOAT_COLOR", "POINT")
-    assert references.layers_of(thing) == ["weights", "tint", "share"]
+    obj = plane("meadow")
+    obj.vertex_groups.new(name="weights")
+    obj.data.attributes.new("share", "FLOAT", "FACE")
+    obj.data.attributes.new("flow", "FLOAT_VECTOR", "POINT")
+    obj.data.color_attributes.new("tint", "FLOAT_COLOR", "POINT")
+    assert references.layers_of(obj) == ["weights", "tint", "share"]
     bpy.context.view_layer.update()
-    for layer in references.layers_of(thing):
+    for layer in references.layers_of(obj):
         painted = read_painted(f"meadow:{layer}", bpy.context.evaluated_depsgraph_get())
         assert len(painted.weight) == 3
 
@@ -619,8 +619,8 @@ def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job, mon
     seen = drawn()
     assert seen.count("[50%] cloud 50%") == 2
     assert "All" not in seen
-    thing = bpy.data.objects["cloud"]
-    place = SimpleNamespace(object=thing, scene=bpy.context.scene)
+    obj = bpy.data.objects["cloud"]
+    place = SimpleNamespace(object=obj, scene=bpy.context.scene)
     seen = []
     FOREST_PT_sensor_data.draw(SimpleNamespace(layout=Bars(seen)), place)
     assert "[50%] cloud 50%" in seen
@@ -670,7 +670,7 @@ def test_a_scanner_that_follows_a_curve_has_no_lines_and_others_keep_theirs(prop
     sensor("terrestrial")
     bpy.context.view_layer.update()
     found = list(overlay.lines(bpy.context.scene))
-    assert [sensors.kind_of(thing) for thing, _ in found] == ["terrestrial", "sonar"]
+    assert [sensors.kind_of(obj) for obj, _ in found] == ["terrestrial", "sonar"]
     assert all(len(ends) for _, ends in found)
 
 
@@ -685,7 +685,7 @@ def test_a_sensor_whose_lines_cannot_be_made_takes_no_other_along(
         sensor(kind)
     bpy.context.view_layer.update()
     with caplog.at_level(logging.ERROR):
-        found = {sensors.kind_of(thing) for thing, _ in overlay.lines(bpy.context.scene)}
+        found = {sensors.kind_of(obj) for obj, _ in overlay.lines(bpy.context.scene)}
     assert found == set(spec.SENSORS) - {"sonar", "mobile"}  # which has no poses yet
     assert "where echo looks" in caplog.text
 
@@ -694,8 +694,8 @@ def test_a_sensor_whose_lines_cannot_be_made_takes_no_other_along(
 @pytest.mark.parametrize("kind", spec.SENSORS)
 @pytest.mark.parametrize("place", [(0, 0, 0), (1e6, -1e6, 1e-6), (0, 0, 1e4), (0, 0, -5)])
 def test_lines_are_finite_wherever_a_sensor_is_put(props, sensor, kind, place):
-    thing = sensor(kind)
-    thing.location = place
+    obj = sensor(kind)
+    obj.location = place
     bpy.context.view_layer.update()
     for _, ends in overlay.lines(bpy.context.scene):
         assert np.isfinite(ends).all()

@@ -185,10 +185,10 @@ def slope(small):
     data = bpy.data.meshes.new("slope")
     corners = [(-9, -9, 0), (15, -9, 1), (15, 15, 2), (-9, 15, 1)]
     data.from_pydata(corners, [], [(0, 1, 2), (0, 2, 3)])
-    thing = bpy.data.objects.new("slope", data)
-    bpy.context.scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new("slope", data)
+    bpy.context.scene.collection.objects.link(obj)
     bpy.context.view_layer.update()
-    return thing
+    return obj
 
 
 def test_files_are_named_from_where_the_scene_file_stands(small, tmp_path):
@@ -562,15 +562,15 @@ def first(registered):
     bpy.ops.wm.read_factory_settings(use_empty=True)
 
 
-def placed(thing):
+def placed(obj):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     depsgraph.update()
-    return read_points(thing.evaluated_get(depsgraph))
+    return read_points(obj.evaluated_get(depsgraph))
 
 
 def first_nodes_trees(scene):
-    (thing,) = find_part(scene, TREES).objects
-    return thing
+    (obj,) = find_part(scene, TREES).objects
+    return obj
 
 
 def cloud():
@@ -578,15 +578,15 @@ def cloud():
 
 
 def test_its_trees_stand_as_they_stood_and_in_the_new_group_too(first):
-    thing = first_nodes_trees(first)
-    (modifier,) = thing.modifiers
-    was = placed(thing)
+    obj = first_nodes_trees(first)
+    (modifier,) = obj.modifiers
+    was = placed(obj)
     assert (modifier.node_group.name, len(was)) == ("Forest Instancer", 6)
     libraries = [nodes._input(modifier, name)[0] for name in (nodes.VARIANTS, nodes.OUTLINES)]
-    thing.modifiers.remove(modifier)
-    nodes.give_instancer(thing, *libraries, light=False)
-    assert thing.modifiers[0].node_group.name == nodes.INSTANCER
-    now = placed(thing)
+    obj.modifiers.remove(modifier)
+    nodes.give_instancer(obj, *libraries, light=False)
+    assert obj.modifiers[0].node_group.name == nodes.INSTANCER
+    now = placed(obj)
     assert now.transform.tobytes() == was.transform.tobytes()
     assert [s.name for s in now.source] == [s.name for s in was.source]
     for column in ("index", "tree", "species"):
@@ -594,29 +594,29 @@ def test_its_trees_stand_as_they_stood_and_in_the_new_group_too(first):
 
 
 def test_light_views_of_the_first_group_are_read_in_full(first):
-    thing = first_nodes_trees(first)
-    nodes.set_input(thing.modifiers[0], nodes.LIGHT, True)
-    assert {source.name[-7:] for source in placed(thing).source} == {"outline"}
+    obj = first_nodes_trees(first)
+    nodes.set_input(obj.modifiers[0], nodes.LIGHT, True)
+    assert {source.name[-7:] for source in placed(obj).source} == {"outline"}
     depsgraph = bpy.context.evaluated_depsgraph_get()
     with nodes.in_full(depsgraph):
-        inside = read_points(thing.evaluated_get(depsgraph))
+        inside = read_points(obj.evaluated_get(depsgraph))
         assert "outline" not in {source.name[-7:] for source in inside.source}
-    assert nodes.is_light(thing.modifiers[0])
+    assert nodes.is_light(obj.modifiers[0])
 
 
 @pytest.mark.medium
 def test_its_cloud_is_drawn_and_takes_new_points_as_it_is(first):
-    thing = cloud()
-    (modifier,) = thing.modifiers
+    obj = cloud()
+    (modifier,) = obj.modifiers
     group = modifier.node_group
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    position, colour, _ = seen_points(thing.evaluated_get(depsgraph))
-    assert len(position) == len(thing.data.vertices) > 400
+    position, colour, _ = seen_points(obj.evaluated_get(depsgraph))
+    assert len(position) == len(obj.data.vertices) > 400
     assert len(np.unique(colour.round(3), axis=0)) > 50  # by distance
     assert {"Distance", "Radius"} <= {nodes.chosen_input(modifier, COLOUR_BY), *drawn()}
     assert run("cloud") == {"FINISHED"}
-    assert (cloud(), list(thing.modifiers)) == (thing, [modifier])
+    assert (cloud(), list(obj.modifiers)) == (obj, [modifier])
     assert modifier.node_group == group
     assert nodes.chosen_input(modifier, COLOUR_BY) == "Distance"
     assert nodes._input(modifier, RADIUS)[0] == pytest.approx(0.07)

@@ -54,23 +54,23 @@ def users_work():
         for state in ("shown", "excluded", "hidden", "off"):
             made = bpy.data.collections.new(f"my {state}")
             parent.children.link(made)
-            thing = cube(f"my {state} thing")
-            top.objects.unlink(thing)
-            made.objects.link(thing)
+            obj = cube(f"my {state} thing")
+            top.objects.unlink(obj)
+            made.objects.link(obj)
             (way,) = (
                 lc for lc in layer_collections(layer.layer_collection) if lc.collection == made
             )
             way.exclude, way.hide_viewport = state == "excluded", state == "hidden"
             made.hide_viewport = state == "off"
     for state in ("hide_viewport", "hide_render", "hide_select", "hidden", "picked", "active"):
-        thing = cube(f"my {state}")
+        obj = cube(f"my {state}")
         if state.startswith("hide_"):
-            setattr(thing, state, True)
-    thing.data.materials.append(bpy.data.materials.new("mine"))
-    thing.modifiers.new("mine", "SUBSURF")
-    thing.location = 30, 30, 0
-    thing.keyframe_insert("location", frame=1)
-    bpy.data.objects["my picked"].parent = thing
+            setattr(obj, state, True)
+    obj.data.materials.append(bpy.data.materials.new("mine"))
+    obj.modifiers.new("mine", "SUBSURF")
+    obj.location = 30, 30, 0
+    obj.keyframe_insert("location", frame=1)
+    bpy.data.objects["my picked"].parent = obj
     for kind in (bpy.data.meshes, bpy.data.materials, bpy.data.collections, bpy.data.texts):
         kind.new("my orphan")
     bpy.data.images.new("my orphan", 4, 4).pixels.foreach_set(
@@ -80,7 +80,7 @@ def users_work():
     bpy.data.objects.new("my orphan", bpy.data.meshes["my orphan"])
     bpy.data.actions.new("my orphan")
     other = bpy.data.scenes.new("my scene")
-    other.collection.objects.link(thing)
+    other.collection.objects.link(obj)
     scene.camera = bpy.data.objects.new("my camera", bpy.data.cameras.new("my camera"))
     scene.world = bpy.data.worlds.new("my world")
     top.objects.link(scene.camera)
@@ -93,7 +93,7 @@ def users_work():
         one.select_set(False)
     for name in ("my picked", "my active"):
         bpy.data.objects[name].select_set(True)
-    layer.objects.active = thing
+    layer.objects.active = obj
     bpy.data.objects["my hidden"].hide_set(True)
     layer.update()
     return [block for block in dict.fromkeys(blocks()) if block not in before]

@@ -72,8 +72,8 @@ def open_file(path: Path) -> float:
         getattr(getattr(bpy.ops, group), operator)(filepath=name)
         # Single precision may have rounded meshes away, or moved them.
         things = [t for t in bpy.context.scene.objects if t.type == "MESH" and t.data.polygons]
-        boxes = [np.array(thing.bound_box) for thing in things]
-        turned = [np.array(thing.matrix_world)[:3] for thing in things]
+        boxes = [np.array(obj.bound_box) for obj in things]
+        turned = [np.array(obj.matrix_world)[:3] for obj in things]
         placed = [box @ m[:, :3].T + m[:, 3] for box, m in zip(boxes, turned, strict=True)]
         for corners in (*boxes, placed) if things else ():
             refuse_coarse(path, np.array(corners))
@@ -82,9 +82,9 @@ def open_file(path: Path) -> float:
     if metres != 1:
         root = bpy.data.objects.new("metres of a unit", None)
         root.scale = 3 * [metres]
-        for thing in bpy.context.scene.objects:
-            if thing.parent is None:
-                thing.parent = root
+        for obj in bpy.context.scene.objects:
+            if obj.parent is None:
+                obj.parent = root
         bpy.context.scene.collection.objects.link(root)
         units.scale_length = 1.0
         bpy.context.view_layer.update()
@@ -142,7 +142,7 @@ def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
     """
     wanted = _of_parts(scene, TREES, GROUND_NAME)
     with in_full(bpy.context.evaluated_depsgraph_get()), _stand_ins(scene, wanted) as copies:
-        bare = {thing for thing in wanted if thing.type == "MESH" and not thing.data.polygons}
+        bare = {obj for obj in wanted if obj.type == "MESH" and not obj.data.polygons}
         with replacing(path) as partial, _trimmed(scene, wanted) as trimmed:
             shown = (trimmed - bare) | {scene.objects[name] for name in copies}
             with _selected(shown), in_one_colour(), _said_of(path):
@@ -194,10 +194,10 @@ def _of_parts(scene: bpy.types.Scene, *parts: str) -> set[bpy.types.Object]:
     """The objects of these parts of the forest."""
     top = root(scene)
     return {
-        thing
+        obj
         for child in (top.children if top else ())
         if child.get(PART_KEY) in parts
-        for thing in objects_in(child)
+        for obj in objects_in(child)
     }
 
 
@@ -220,11 +220,11 @@ def _trimmed(
     more = max(BESIDE * float((high - low).max()), LEAST_BESIDE)
     made = [_cut(ground, low - more, high + more) for ground in grounds]
     try:
-        for thing in made:
-            scene.collection.objects.link(thing)
+        for obj in made:
+            scene.collection.objects.link(obj)
         yield (shown - grounds) | set(made)
     finally:
-        meshes = [thing.data for thing in made]
+        meshes = [obj.data for obj in made]
         bpy.data.batch_remove([*made, *meshes])
 
 
@@ -262,16 +262,16 @@ def _stand_ins(
     made: dict[str, Copies] = {}
     objects = []
     try:
-        for thing in sorted(things, key=lambda thing: thing.name):
-            placed = read_points(thing.evaluated_get(depsgraph))
+        for obj in sorted(things, key=lambda obj: obj.name):
+            placed = read_points(obj.evaluated_get(depsgraph))
             solid = np.abs(np.linalg.det(placed.transform[:, :, :3])) > 0
             for number, source in enumerate(placed.source):
-                mine = solid & (placed.index == number)
-                if not mine.any():
+                of_stand_in = solid & (placed.index == number)
+                if not of_stand_in.any():
                     continue
                 if not isinstance(source, bpy.types.Object) or source.type != "MESH":
                     raise ValueError(
-                        f'the nodes of "{thing.name}" instance something that is no mesh object, which a '
+                        f'the nodes of "{obj.name}" instance something that is no mesh object, which a '
                         ".glb cannot share; let them pick mesh objects"
                     )
                 stand_in = bpy.data.objects.new(source.name, source.original.data)
@@ -279,8 +279,10 @@ def _stand_ins(
                 scene.collection.objects.link(stand_in)
                 made[stand_in.name] = Copies(
                     name=source.original.data.name,
-                    transform=placed.transform[mine],
-                    numbers={key: getattr(placed, name)[mine] for key, name in NUMBERS.items()},
+                    transform=placed.transform[of_stand_in],
+                    numbers={
+                        key: getattr(placed, name)[of_stand_in] for key, name in NUMBERS.items()
+                    },
                 )
         yield made
     finally:
@@ -293,14 +295,14 @@ def _selected(things: set[bpy.types.Object]) -> Iterator[None]:
     layer, scene = bpy.context.view_layer, bpy.context.scene
     frame, active = (scene.frame_current, scene.frame_subframe), layer.objects.active
     mode = active.mode if active is not None else "OBJECT"
-    before = {thing for thing in layer.objects if thing.select_get()}
-    for thing in layer.objects:
-        thing.select_set(thing in things)
+    before = {obj for obj in layer.objects if obj.select_get()}
+    for obj in layer.objects:
+        obj.select_set(obj in things)
     try:
         yield
     finally:
-        for thing in layer.objects:
-            thing.select_set(thing in before)
+        for obj in layer.objects:
+            obj.select_set(obj in before)
         if active is not None and active.mode != mode:  # glTF's leaves it
             bpy.ops.object.mode_set(mode=mode)
         if frame != (scene.frame_current, scene.frame_subframe):  # and goes to a whole one

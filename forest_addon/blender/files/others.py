@@ -57,10 +57,10 @@ def export_for_others(
         say(f"  {sentence}")
     told = []
     for sensor in scene.sensors:
-        found = write_survey(sensor, folder, scene.name, surfaces, ways[sensor.name])
-        told.append(found)
-        say(f"  {sensor.name}: {folder / found.survey if found.survey else 'no survey'}")
-        for sentence in found.unsaid:
+        survey = write_survey(sensor, folder, scene.name, surfaces, ways[sensor.name])
+        told.append(survey)
+        say(f"  {sensor.name}: {folder / survey.survey if survey.survey else 'no survey'}")
+        for sentence in survey.unsaid:
             say(f"    {sentence}")
     said = {
         "name": scene.name,

@@ -40,7 +40,7 @@ def read_groups(path: Path) -> list[Group]:
             if _is_compressed(path):
                 raise SpecError("template", f"{path} cannot be read: {COMPRESSED}") from None
             raise
-        groups = [group for thing in scene.objects for group in _groups_of(thing)]
+        groups = [group for obj in scene.objects for group in _groups_of(obj)]
     if path.suffix.lower() in (".gltf", ".glb"):  # Blender has turned it to z up
         groups = [Group(g.name, g.material, g.facets @ _Y_TO_Z) for g in groups]
     if not groups:
@@ -122,16 +122,16 @@ def _everything() -> Iterator[bpy.types.ID]:
             yield from (d for d in every if isinstance(d, bpy.types.ID) and d.id_type != "LIBRARY")
 
 
-def _groups_of(thing: bpy.types.Object) -> list[Group]:
-    if thing.type != "MESH":
+def _groups_of(obj: bpy.types.Object) -> list[Group]:
+    if obj.type != "MESH":
         return []
-    mesh = thing.data
+    mesh = obj.data
     mesh.calc_loop_triangles()
     corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.loop_triangles.foreach_get("vertices", corners)
     slot = np.empty(len(mesh.loop_triangles), np.int32)
     mesh.loop_triangles.foreach_get("material_index", slot)
-    facets = world_places_of(thing, mesh)[corners.reshape(-1, 3)]
-    names = [slot.material.name if slot.material else "" for slot in thing.material_slots] or [""]
+    facets = world_places_of(obj, mesh)[corners.reshape(-1, 3)]
+    names = [slot.material.name if slot.material else "" for slot in obj.material_slots] or [""]
     slot = np.clip(slot, 0, len(names) - 1)
-    return [Group(thing.name, names[number], facets[slot == number]) for number in np.unique(slot)]
+    return [Group(obj.name, names[number], facets[slot == number]) for number in np.unique(slot)]

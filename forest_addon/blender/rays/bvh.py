@@ -81,7 +81,7 @@ class BvhCaster(Search):
         directions: np.ndarray,
         limit: np.ndarray,
     ) -> Met:
-        """Return what rays meet, each in the one instance of its pair: ray (M,), instance (M,), triangle
+        """Hits of rays, each in the one instance of its pair: ray (M,), instance (M,), triangle
         (M,)."""
         mesh_of = self.scene.mesh_index[pairs.box]
         if (np.diff(mesh_of) < 0).any():
@@ -114,10 +114,10 @@ class BvhCaster(Search):
         """(P,) triangle of a mesh that rays (3, P) in its space meet, -1 for none."""
         tree, numbers = self._tree(mesh)
         starts, ways = (zip(*columns.tolist(), strict=True) for columns in (origin, way))
-        found = map(itemgetter(2), map(tree.ray_cast, starts, ways, reach.tolist()))
+        triangles = map(itemgetter(2), map(tree.ray_cast, starts, ways, reach.tolist()))
         number: list[int | None] = []
         while len(number) < len(reach):
-            number += islice(found, TURN)
+            number += islice(triangles, TURN)
         place = np.array(number, dtype=np.float64)  # None, a miss, becomes NaN
         met = np.flatnonzero(~np.isnan(place))
         triangle = np.full(len(reach), -1, dtype=np.int64)
@@ -127,11 +127,11 @@ class BvhCaster(Search):
     def _in_rounds(
         self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
     ) -> Met:
-        """Return what rays meet that go from instance to instance, the nearest first, until they would enter
+        """Hits of rays that go from instance to instance, the nearest first, until they would enter
         one behind what they have met: all visit their nearest instance, then all their second."""
         turn = _firsts(pairs.ray)
         last = np.append(turn[1:], len(pairs.ray))
-        best, found = limit.copy(), [NOTHING]
+        best, rounds = limit.copy(), [NOTHING]
         while len(turn):
             near = pairs.entry[turn] <= best[pairs.ray[turn]]
             turn, last = turn[near], last[near]
@@ -139,11 +139,11 @@ class BvhCaster(Search):
             rays = origins.take(ray, 1), directions.take(ray, 1)
             distance, _ = self._surfaces.meet(*rays, box, triangle)
             best[ray] = np.minimum(best[ray], distance)
-            found.append((ray, box, triangle))
+            rounds.append((ray, box, triangle))
             turn = turn + 1
             more = turn < last
             turn, last = turn[more], last[more]
-        ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
+        ray, box, triangle = (np.concatenate(part) for part in zip(*rounds, strict=True))
         return ray, box, triangle
 
     def _tree(self, mesh_number: int) -> tuple[BVHTree, np.ndarray]:
@@ -175,7 +175,7 @@ class _Pairs(RowTable):
 
 
 def _firsts(ray: np.ndarray) -> np.ndarray:
-    """Return where each ray of a sorted (P,) first stands."""
+    """First place of each ray in a sorted (P,)."""
     new = np.empty(len(ray), dtype=bool)
     new[:1] = True
     np.not_equal(ray[1:], ray[:-1], out=new[1:])

@@ -141,10 +141,10 @@ class EmbreeMotion:
                 left = Hits.misses(len(some)) if leaving is None else leaving.select(some)
                 rays = origins[some], directions[some], min_distance[some], max_distance[some]
                 when = sample[some] / self._span - number[0]
-                found = self._cast(*rays, time[some], left, number, when, pieces)
+                group_hits = self._cast(*rays, time[some], left, number, when, pieces)
                 if leaving is None and pieces is not None:
-                    self._settle(found, *rays[:3], time[some], pieces)
-                hits.put(some, found)
+                    self._settle(group_hits, *rays[:3], time[some], pieces)
+                hits.put(some, group_hits)
 
         given = origins, directions, begin, max_distance, time, sound
         for rows, window in self._moving.bundles(*given):
@@ -175,7 +175,7 @@ class EmbreeMotion:
             low, high = pieces.box
             box = low - self._slack, high + self._slack
             tops.append((self._pieces_at(pieces)[0], box, share))
-        found = Hits.misses(len(near))
+        hits = Hits.misses(len(near))
         origin, way = np.ascontiguousarray(origins.T), np.ascontiguousarray(ways.T)
 
         def task(part: slice) -> None:
@@ -185,10 +185,10 @@ class EmbreeMotion:
                 rays = origin[:, rows], way[:, rows], start, far[rows], time[rows]
                 return self._nearest(*rays, some, pieces)
 
-            found.put(part, search_on(nearest, near[part], far[part], left.select(part)))
+            hits.put(part, search_on(nearest, near[part], far[part], left.select(part)))
 
         in_tasks(task, len(near), self._threads)
-        return found
+        return hits
 
     def _nearest(
         self,
@@ -201,11 +201,11 @@ class EmbreeMotion:
         pieces: PieceWindow | None,
     ) -> Hits:
         """Hits that rays (3, R) meet first in float32, with their exact distances."""
-        found = Hits.misses(len(limit))
+        hits = Hits.misses(len(limit))
         begin, leaves = clip(self._low, self._high, origin, way, start, limit)
         rays = np.flatnonzero(begin <= leaves)
         if not len(rays):
-            return found
+            return hits
         if len(rays) < len(limit):
             origin, way, begin = origin[:, rays], way[:, rays], begin[rays]
             limit, time = limit[rays], time[rays]
@@ -220,7 +220,7 @@ class EmbreeMotion:
             send(library, top, sent, near <= leave)
         met, instance, triangle = met_by(sent)
         if not len(met):
-            return found
+            return hits
         piece = np.flatnonzero(instance >= self._moving.count)
         if len(piece) and pieces is not None:
             known = self._pieces_at(pieces)[1]
@@ -240,8 +240,8 @@ class EmbreeMotion:
             corners = self._moving.motion.corners(self._moving.scene, *ask, time[bends])
             bent = origin.take(bends, 1), way.take(bends, 1)
             distance[bends], _ = self._surfaces.meet(*bent, *ask, at[bends], corners)
-        found.put(rays[met], Hits(distance, instance, triangle))
-        return found
+        hits.put(rays[met], Hits(distance, instance, triangle))
+        return hits
 
     def _placed(self, pieces: PieceWindow, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
         """(R, 3, 4) of pieces of a window, by their instances, at times (R,)."""
@@ -418,9 +418,9 @@ def quaternions(transform: np.ndarray) -> np.ndarray:
     sign = np.where(np.diagonal(shape, axis1=1, axis2=2) < 0, -1.0, 1.0)
     sign[:, 2] *= np.linalg.det(turn * sign[:, None, :])
     turn, shape = turn * sign[:, None, :], shape * sign[:, :, None]
-    found = np.zeros((len(transform), 16))
-    found[:, :3] = np.diagonal(shape, axis1=1, axis2=2)
-    found[:, 3], found[:, 4], found[:, 5] = shape[:, 0, 1], shape[:, 0, 2], shape[:, 1, 2]
-    found[:, 9:13] = Rotation.from_matrix(turn).as_quat()[:, [3, 0, 1, 2]]
-    found[:, 13:] = transform[:, :, 3]
-    return np.ascontiguousarray(found, dtype=np.float32)
+    parts = np.zeros((len(transform), 16))
+    parts[:, :3] = np.diagonal(shape, axis1=1, axis2=2)
+    parts[:, 3], parts[:, 4], parts[:, 5] = shape[:, 0, 1], shape[:, 0, 2], shape[:, 1, 2]
+    parts[:, 9:13] = Rotation.from_matrix(turn).as_quat()[:, [3, 0, 1, 2]]
+    parts[:, 13:] = transform[:, :, 3]
+    return np.ascontiguousarray(parts, dtype=np.float32)

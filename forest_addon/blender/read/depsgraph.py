@@ -83,61 +83,61 @@ def read_sample(
 
     known : meshes by what tells their triangles, filled on.
     """
-    found = _Whereabouts(changing, known)
-    scene = _read(depsgraph, found)
+    reading = _Whereabouts(changing, known)
+    scene = _read(depsgraph, reading)
     return SceneSample(
         scene.transform,
         scene.object_name,
         scene.object_index,
         scene.mesh_index,
-        found.shapes,
-        (*found.single, *found.many),
+        reading.shapes,
+        (*reading.single, *reading.many),
     )
 
 
-def _read(depsgraph: bpy.types.Depsgraph, found: _Found | None = None) -> SceneGeometry:
-    found = _Found() if found is None else found
+def _read(depsgraph: bpy.types.Depsgraph, reading: _Found | None = None) -> SceneGeometry:
+    reading = _Found() if reading is None else reading
     by_nodes = set()
     plain = []
     viewport = depsgraph.mode == "VIEWPORT"
-    iterate = any(_instances_otherwise(thing, viewport) for thing in depsgraph.ids)
-    for thing in depsgraph.objects:
-        if not has_nodes(thing):
-            plain.append(thing)
+    iterate = any(_instances_otherwise(obj, viewport) for obj in depsgraph.ids)
+    for obj in depsgraph.objects:
+        if not has_nodes(obj):
+            plain.append(obj)
             continue
         try:
-            stands = standings(thing)
+            stands = standings(obj)
         except NeedsIterator:
             iterate = True
             continue
-        by_nodes.add(thing.name_full)
+        by_nodes.add(obj.name_full)
         for standing in stands:
-            found.add_many(standing, thing)
+            reading.add_many(standing, obj)
     if not iterate:
-        for thing in plain:
-            if thing.type == "MESH":
-                found.add(thing.data, thing, thing, thing.matrix_world)
-            elif thing.type in SOLID_TYPES:
-                for standing in standings(thing):
-                    found.add_many(standing, thing)
-        return found.scene()
+        for obj in plain:
+            if obj.type == "MESH":
+                reading.add(obj.data, obj, obj, obj.matrix_world)
+            elif obj.type in SOLID_TYPES:
+                for standing in standings(obj):
+                    reading.add_many(standing, obj)
+        return reading.scene()
     for instance in depsgraph.object_instances:
-        thing = instance.object
+        obj = instance.object
         # What is no mesh itself, as a curve or a text, comes a second time as the mesh it evaluates to.
-        if thing.type != "MESH" or not instance.show_self:
+        if obj.type != "MESH" or not instance.show_self:
             continue
-        owner = instance.parent if instance.is_instance and instance.parent else thing
+        owner = instance.parent if instance.is_instance and instance.parent else obj
         if owner.name_full not in by_nodes:
-            found.add(thing.data, thing, owner, instance.matrix_world)
-    return found.scene()
+            reading.add(obj.data, obj, owner, instance.matrix_world)
+    return reading.scene()
 
 
-def _instances_otherwise(thing: bpy.types.ID, viewport: bool) -> bool:
+def _instances_otherwise(obj: bpy.types.ID, viewport: bool) -> bool:
     """Return whether an object instances otherwise than by nodes, or is hidden and its instances are not."""
-    if not isinstance(thing, bpy.types.Object):
+    if not isinstance(obj, bpy.types.Object):
         return False
     which = "viewport" if viewport else "render"
-    return has_duplis(thing) or not getattr(thing, f"show_instancer_for_{which}")
+    return has_duplis(obj) or not getattr(obj, f"show_instancer_for_{which}")
 
 
 class _Found:
@@ -156,12 +156,12 @@ class _Found:
         self._keepers: list[Any] = []
 
     def add(
-        self, mesh: bpy.types.Mesh, thing: bpy.types.Object, owner: bpy.types.Object, matrix: Any
+        self, mesh: bpy.types.Mesh, obj: bpy.types.Object, owner: bpy.types.Object, matrix: Any
     ) -> None:
         """One instance of an object's mesh, of which ``owner`` is the reason."""
-        if _says(owner, thing, IGNORED_KEY, False):
+        if _says(owner, obj, IGNORED_KEY, False):
             return
-        number = self._number(mesh, thing)
+        number = self._number(mesh, obj)
         if number < 0:
             return
         self._single.append(
@@ -169,10 +169,10 @@ class _Found:
                 number,
                 [row[:] for row in matrix[:3]],
                 self._name(owner),
-                _says(owner, thing, TREE_KEY, -1),
-                _says(owner, thing, SPECIES_KEY, -1),
-                _says(owner, thing, REFLECTANCE_KEY, np.nan),
-                optics_of(owner, thing),
+                _says(owner, obj, TREE_KEY, -1),
+                _says(owner, obj, SPECIES_KEY, -1),
+                _says(owner, obj, REFLECTANCE_KEY, np.nan),
+                optics_of(owner, obj),
             )
         )
 
@@ -251,28 +251,28 @@ class _Found:
         species[new] = species.max(initial=-1) + 1 + of_mesh[mesh[new]]
         return tree, species
 
-    def _number(self, mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> int:
-        """Return which of the unique meshes this is, -1 for one without faces."""
+    def _number(self, mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> int:
+        """Number of this among the unique meshes, -1 for one without faces."""
         key = mesh.as_pointer()
         if key not in self._number_of:
             empty = not len(mesh.polygons)
             self._number_of[key] = -1 if empty else len(self._meshes)
             if not empty:
-                self._meshes.append(_known(_triangles_of(mesh, thing)))
+                self._meshes.append(_known(_triangles_of(mesh, obj)))
                 shares = [m.original.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
                 shares = [s if isinstance(s, int | float) else np.nan for s in shares]
                 self._slots.append(np.array(shares or [np.nan], dtype=np.float64))
                 slots = [optics_of(m) if m else NO_OPTICS for m in mesh.materials]
                 self._slot_optics.append(np.array(slots or [NO_OPTICS]))
                 # which tree of a library a mesh is, also one that modifiers have worked on; empty for others
-                blocks = (mesh, thing.original.data) if thing is not None else (mesh,)
+                blocks = (mesh, obj.original.data) if obj is not None else (mesh,)
                 said = (block.get(ASSET_KEY) for block in blocks if isinstance(block, bpy.types.ID))
                 self._assets.append(next((asset for asset in said if isinstance(asset, str)), ""))
                 self._materials.append(tuple(m.name if m else "" for m in mesh.materials) or ("",))
         return self._number_of[key]
 
-    def _name(self, thing: bpy.types.Object) -> int:
-        return self._names.setdefault(thing.name, len(self._names))
+    def _name(self, obj: bpy.types.Object) -> int:
+        return self._names.setdefault(obj.name, len(self._names))
 
 
 class _Whereabouts(_Found):
@@ -287,10 +287,10 @@ class _Whereabouts(_Found):
         self.many: list[str] = []
 
     def add(
-        self, mesh: bpy.types.Mesh, thing: bpy.types.Object, owner: bpy.types.Object, matrix: Any
+        self, mesh: bpy.types.Mesh, obj: bpy.types.Object, owner: bpy.types.Object, matrix: Any
     ) -> None:
-        super().add(mesh, thing, owner, matrix)
-        self.single += [thing.name_full] * (len(self._single) - len(self.single))
+        super().add(mesh, obj, owner, matrix)
+        self.single += [obj.name_full] * (len(self._single) - len(self.single))
 
     def add_many(self, standing: Standing, owner: bpy.types.Object) -> None:
         self._owner, before = owner.name_full, len(self._many)
@@ -299,14 +299,14 @@ class _Whereabouts(_Found):
             source = "" if standing.source is None else standing.source.name_full
             self.many += [source] * len(standing.transform)
 
-    def _number(self, mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> int:
+    def _number(self, mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> int:
         key = mesh.as_pointer()
         if key in self._number_of:
             return self._number_of[key]
         number = -1
         if len(mesh.polygons):
             number, self._seen = self._seen, self._seen + 1
-            name = self._owner if thing is None else thing.name_full
+            name = self._owner if obj is None else obj.name_full
             if name in self._changing or self._owner in self._changing:
                 self.shapes[number] = self._shape(mesh)
         self._number_of[key] = number
@@ -324,19 +324,19 @@ class _Whereabouts(_Found):
         return Shape(read(mesh, "position", "FLOAT_VECTOR"), self._known[told.digest()])
 
 
-def _triangles_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> TriMesh:
+def _triangles_of(mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> TriMesh:
     """A mesh as triangles, read from a copy of it where there is an object to make one.
 
     Blender takes a look at an array for a change of it: what an evaluated mesh shares with its original is
     then held twice for good, and what a copy shares until it is cleared.
     """
-    own = thing is not None and thing.type == "MESH" and thing.is_evaluated
-    if not own or thing.data.as_pointer() != mesh.as_pointer():
+    own = obj is not None and obj.type == "MESH" and obj.is_evaluated
+    if not own or obj.data.as_pointer() != mesh.as_pointer():
         return from_mesh(mesh)
     try:
-        return from_mesh(thing.to_mesh())
+        return from_mesh(obj.to_mesh())
     finally:
-        thing.to_mesh_clear()
+        obj.to_mesh_clear()
 
 
 _meshes: WeakValueDictionary[bytes, TriMesh] = WeakValueDictionary()  # by what they hold
@@ -350,13 +350,13 @@ def _known(mesh: TriMesh) -> TriMesh:
     return _meshes.get(told.digest()) or _meshes.setdefault(told.digest(), separate_leaves(mesh))
 
 
-def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise: Any) -> Any:
+def _says(owner: bpy.types.Object, obj: bpy.types.Object, key: str, otherwise: Any) -> Any:
     """A custom property of the owner, else of the thing itself; what is no number does not count.
 
     The originals are asked: what a script sets reaches evaluated objects with the next change of another
     kind.
     """
-    said = (place.original.get(key) for place in (owner, thing))
+    said = (place.original.get(key) for place in (owner, obj))
     return next((value for value in said if isinstance(value, bool | int | float)), otherwise)
 
 
@@ -381,7 +381,7 @@ def kept(depsgraph: bpy.types.Depsgraph, make: Callable[..., T], *settings: Hash
 
 
 def _properties() -> list[tuple[Any, ...]]:
-    """Return what custom properties of objects and materials say to sensors."""
+    """Properties for sensors among the custom properties of objects and materials."""
     blocks = (*bpy.data.objects, *bpy.data.materials)
     return [(block.session_uid, *map(block.get, PROPERTIES)) for block in blocks]
 
@@ -390,23 +390,23 @@ def forget(_scene: Any = None, depsgraph: Any = None, *_: Any) -> None:
     """Drop what holds as long as nothing changes; the handler of every change."""
     _kept.clear()
     for update in () if depsgraph is None else depsgraph.updates:
-        thing = update.id.original
-        if isinstance(thing, bpy.types.Collection):  # something came or went
+        obj = update.id.original
+        if isinstance(obj, bpy.types.Collection):  # something came or went
             gone = "solids" in lasting and lasting["solids"] != solids_in(depsgraph.scene)
         else:
-            gone = (update.is_updated_geometry or update.is_updated_transform) and is_solid(thing)
+            gone = (update.is_updated_geometry or update.is_updated_transform) and is_solid(obj)
         if gone:
             lasting["changed"] = True
 
 
-def is_solid(thing: bpy.types.ID) -> bool:
+def is_solid(obj: bpy.types.ID) -> bool:
     """Return whether sensors may meet something, as far as is known without its geometry."""
-    of_scene = isinstance(thing, bpy.types.Object) and thing.type in SOLID_TYPES
-    return of_scene and not (CLOUD_KEY in thing or thing.get(IGNORED_KEY))
+    of_scene = isinstance(obj, bpy.types.Object) and obj.type in SOLID_TYPES
+    return of_scene and not (CLOUD_KEY in obj or obj.get(IGNORED_KEY))
 
 
 def solids_in(scene: bpy.types.Scene) -> int:
-    """Return how many objects of a scene sensors may meet."""
+    """Number of objects of a scene that sensors may meet."""
     return sum(map(is_solid, scene.objects))
 
 

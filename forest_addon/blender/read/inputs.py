@@ -50,15 +50,15 @@ def read_terrain(
     name: str, depsgraph: bpy.types.Depsgraph, where: str = "forest.terrain.object"
 ) -> Triangulated:
     """The topmost surface of an evaluated object."""
-    thing = _object(name, depsgraph, where)
-    data = thing.to_mesh()
+    obj = _object(name, depsgraph, where)
+    data = obj.to_mesh()
     try:
         try:
-            return Triangulated(*_world(thing, data))
+            return Triangulated(*_world(obj, data))
         except ValueError as problem:
             raise SpecError(where, f'"{name}": {problem}') from None
     finally:
-        thing.to_mesh_clear()
+        obj.to_mesh_clear()
 
 
 def read_painted(
@@ -69,11 +69,11 @@ def read_painted(
     Without a layer the active vertex group counts, else the active colour attribute.
     """
     holder, _, layer = (name, "", "") if name in bpy.data.objects else name.rpartition(":")
-    thing = _object(holder or name, depsgraph, where)
-    data = thing.to_mesh()
+    obj = _object(holder or name, depsgraph, where)
+    data = obj.to_mesh()
     try:
-        vertices, triangles = _world(thing, data)
-        domain, values = _layer(thing, data, layer, where)
+        vertices, triangles = _world(obj, data)
+        domain, values = _layer(obj, data, layer, where)
         if domain == "POINT":
             return Painted(vertices, triangles, values)
         loops = np.empty((len(triangles), 3), dtype=np.int32)
@@ -86,13 +86,13 @@ def read_painted(
         )  # a vertex may weigh differently a face
         return Painted(vertices[triangles].reshape(-1, 3), apart, corner.ravel())
     finally:
-        thing.to_mesh_clear()
+        obj.to_mesh_clear()
 
 
 def read_places(
     name: str, depsgraph: bpy.types.Depsgraph, where: str = "plantings.collection"
 ) -> TreeList:
-    """Return where the objects of a collection stand, in the order of their names: place, turn, size.
+    """Poses of the objects of a collection, in the order of their names: place, turn, size.
 
     The size factor is the cube root of the volume that a unit cube has in the object.
     """
@@ -100,9 +100,9 @@ def read_places(
     if collection is None:
         known = ", ".join(sorted(c.name for c in bpy.data.collections)) or "none"
         raise SpecError(where, f'there is no collection "{name}" in the scene; there are: {known}')
-    things = sorted(objects_in(collection), key=lambda thing: thing.name)
+    things = sorted(objects_in(collection), key=lambda obj: obj.name)
     matrix = np.array(
-        [thing.evaluated_get(depsgraph).matrix_world for thing in things], dtype=np.float64
+        [obj.evaluated_get(depsgraph).matrix_world for obj in things], dtype=np.float64
     ).reshape(-1, 4, 4)
     volume = np.linalg.det(matrix[:, :3, :3])
     if (volume <= 0).any():
@@ -118,28 +118,28 @@ def read_places(
 
 
 def _object(name: str, depsgraph: bpy.types.Depsgraph, where: str) -> bpy.types.Object:
-    thing = bpy.data.objects.get(name)
-    if thing is None or thing.type not in SOLID_TYPES:
+    obj = bpy.data.objects.get(name)
+    if obj is None or obj.type not in SOLID_TYPES:
         solid = sorted(o.name for o in bpy.data.objects if o.type in SOLID_TYPES)
         few = ", ".join(solid[:10]) + (", ..." if len(solid) > 10 else "")
         problem = f'there is no object "{name}" with a surface in the scene'
         raise SpecError(where, f"{problem}; there are: {few or 'none'}")
-    return thing.evaluated_get(depsgraph)
+    return obj.evaluated_get(depsgraph)
 
 
-def _world(thing: bpy.types.Object, data: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
+def _world(obj: bpy.types.Object, data: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V, 3) in the world and triangles (T, 3) of an evaluated mesh."""
     data.calc_loop_triangles()
     triangles = np.empty((len(data.loop_triangles), 3), dtype=np.int32)
     data.loop_triangles.foreach_get("vertices", triangles.ravel())
-    return world_places_of(thing, data), triangles
+    return world_places_of(obj, data), triangles
 
 
 def _layer(
-    thing: bpy.types.Object, data: bpy.types.Mesh, layer: str, where: str
+    obj: bpy.types.Object, data: bpy.types.Mesh, layer: str, where: str
 ) -> tuple[str, np.ndarray]:
     """The domain of a layer and its values."""
-    group = thing.vertex_groups.get(layer) if layer else thing.vertex_groups.active
+    group = obj.vertex_groups.get(layer) if layer else obj.vertex_groups.active
     if group is not None:
         weights = np.zeros(len(data.vertices))
         for vertex in data.vertices:
@@ -154,9 +154,9 @@ def _layer(
         if a.data_type in WEIGHTS and a.domain != "EDGE" and a.name[0] != "."
     ]
     if attribute is None or attribute.name not in {a.name for a in usable}:
-        known = [g.name for g in thing.vertex_groups] + [a.name for a in usable]
+        known = [g.name for g in obj.vertex_groups] + [a.name for a in usable]
         what = f'no layer "{layer}" of weights' if layer else "no painted layer"
         there = ", ".join(known) or "none"
-        raise SpecError(where, f'"{thing.name}" has {what}; its layers: {there}')
+        raise SpecError(where, f'"{obj.name}" has {what}; its layers: {there}')
     values = read(data, attribute.name, attribute.data_type, attribute.domain).astype(np.float64)
     return attribute.domain, values[:, :3] @ LUMINANCE if values.ndim == 2 else values

@@ -68,9 +68,9 @@ def untold(scene: bpy.types.Scene, forest: GrownForest) -> list[Variant]:
     """
     return [
         key
-        for key, thing in _things(scene, forest).items()
-        if thing.data.get(TOLD_KEY) != thing.data[SHAPE_KEY]
-        or thing.get(PICTURE_KEY) != _drawn_from(thing, forest, key)
+        for key, obj in _things(scene, forest).items()
+        if obj.data.get(TOLD_KEY) != obj.data[SHAPE_KEY]
+        or obj.get(PICTURE_KEY) != _drawn_from(obj, forest, key)
     ]
 
 
@@ -83,15 +83,15 @@ def tell_variants(
     """
     things = _things(scene, forest)
     for key in things.keys() & told.keys():
-        thing = things[key]
+        obj = things[key]
         for name, value in told[key].truth.items():  # custom properties, for whoever looks
-            thing.data[name] = value
-        thing.data[TOLD_KEY] = thing.data[SHAPE_KEY]
-        was, drawn_from = thing.get(PICTURE_KEY), _drawn_from(thing, forest, key)
-        if was != drawn_from and (was is None or thing.asset_data is not None):
+            obj.data[name] = value
+        obj.data[TOLD_KEY] = obj.data[SHAPE_KEY]
+        was, drawn_from = obj.get(PICTURE_KEY), _drawn_from(obj, forest, key)
+        if was != drawn_from and (was is None or obj.asset_data is not None):
             tags = ("tree", "forest", forest.labels[key[0]])
-            mark_asset(thing, told[key].description, tags, told[key].picture)
-        thing[PICTURE_KEY] = drawn_from
+            mark_asset(obj, told[key].description, tags, told[key].picture)
+        obj[PICTURE_KEY] = drawn_from
 
 
 def _things(scene: bpy.types.Scene, forest: GrownForest) -> dict[Variant, bpy.types.Object]:
@@ -103,9 +103,9 @@ def _things(scene: bpy.types.Scene, forest: GrownForest) -> dict[Variant, bpy.ty
     return {key: t for key, t in found.items() if SHAPE_KEY in t.data and not has_own_mesh(t)}
 
 
-def _drawn_from(thing: bpy.types.Object, forest: GrownForest, key: Variant) -> str:
+def _drawn_from(obj: bpy.types.Object, forest: GrownForest, key: Variant) -> str:
     look = forest.species[key[0]].look
-    return f"{thing.data[SHAPE_KEY]} {look.bark} {look.foliage()}"
+    return f"{obj.data[SHAPE_KEY]} {look.bark} {look.foliage()}"
 
 
 def mark_asset(
@@ -237,10 +237,10 @@ def _asset(
         mesh.materials.append(coat)
     digest = fingerprint(exhibit.tree.mesh)
     write_truth(mesh, f"{species}#{variant + 1} {digest}", species, exhibit.tree)
-    thing = bpy.data.objects.new(name, mesh)
+    obj = bpy.data.objects.new(name, mesh)
     home = bpy.data.collections.new(name)
-    home.objects.link(thing)
-    thing.location.x = home.instance_offset[0] = x
+    home.objects.link(obj)
+    obj.location.x = home.instance_offset[0] = x
     tags = ("tree", species, path.rpartition("/")[2].lower())
     mark_asset(home, describe(species, exhibit.truth), tags, exhibit.picture)
     home.asset_data.catalog_id = catalog_id(path)

@@ -52,9 +52,9 @@ def places_of(data: Any) -> np.ndarray:
     return read(data, "position", "FLOAT_VECTOR").astype(np.float64)
 
 
-def world_places_of(thing: bpy.types.Object, data: bpy.types.Mesh) -> np.ndarray:
+def world_places_of(obj: bpy.types.Object, data: bpy.types.Mesh) -> np.ndarray:
     """(N, 3) places of the points of an object's mesh in the world."""
-    world = np.array(thing.matrix_world, dtype=np.float64)
+    world = np.array(obj.matrix_world, dtype=np.float64)
     return places_of(data) @ world[:3, :3].T + world[:3, 3]
 
 

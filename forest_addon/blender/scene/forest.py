@@ -147,7 +147,7 @@ def build(
     terrain = Flat(settings.forest.terrain.base) if terrain is None else terrain
     adopt(scene)
     standing = KeptStanding.of(scene)
-    edited = next((thing.name for thing in standing.things.values() if thing.mode == "EDIT"), "")
+    edited = next((obj.name for obj in standing.things.values() if obj.mode == "EDIT"), "")
     if edited:
         raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then grow the forest again')
     ready, points = ready or ReadyForest(), are_points(settings.forest, forest)
@@ -190,7 +190,7 @@ def build(
 
 
 def triangles_of(forest: GrownForest) -> int:
-    """Return how many triangles a view draws that shows every tree in full."""
+    """Number of triangles that a view draws which shows every tree in full."""
     stand = forest.stand
     pairs = np.column_stack([stand.species, stand.variant])
     kinds, count = np.unique(pairs, axis=0, return_counts=True) if len(stand) else (pairs, pairs)

@@ -78,27 +78,27 @@ def planted_names(scene: bpy.types.Scene, known: Sequence[str]) -> list[str]:
     """Name what the forest of a scene is planted with, by number: what is known, then the undergrowth."""
     found = dict(enumerate(known))
     for home in (find_part(scene, name) for name in (VARIANTS, TREES)):
-        for thing in objects_in(home) if home is not None else ():
-            number, role = thing.get(SPECIES_KEY, -1), thing.get(ROLE_KEY, "")
+        for obj in objects_in(home) if home is not None else ():
+            number, role = obj.get(SPECIES_KEY, -1), obj.get(ROLE_KEY, "")
             if number >= 0 and "/" in role:
                 found.setdefault(number, re.sub(r"[ .]\d+$", "", role.split("/", 1)[1]))
     return [found.get(number, "") for number in range(max(found, default=-1) + 1)]
 
 
-def has_nodes(thing: bpy.types.Object) -> bool:
+def has_nodes(obj: bpy.types.Object) -> bool:
     """Return whether geometry nodes work on an object; those that are switched off everywhere do not."""
-    nodes = (modifier for modifier in thing.modifiers if modifier.type == "NODES")
+    nodes = (modifier for modifier in obj.modifiers if modifier.type == "NODES")
     return any(modifier.show_viewport or modifier.show_render for modifier in nodes)
 
 
-def has_duplis(thing: bpy.types.Object) -> bool:
+def has_duplis(obj: bpy.types.Object) -> bool:
     """Return whether an object instances in one of the ways that are older than geometry nodes."""
-    return thing.instance_type != "NONE" or len(thing.particle_systems) > 0
+    return obj.instance_type != "NONE" or len(obj.particle_systems) > 0
 
 
-def may_be_met(thing: bpy.types.Object) -> bool:
+def may_be_met(obj: bpy.types.Object) -> bool:
     """Return whether an object may have a surface, or instance something that has."""
-    waiting, known = [thing], set()
+    waiting, known = [obj], set()
     while waiting:
         one = waiting.pop()
         if one.type in SOLID_TYPES or has_nodes(one):
@@ -110,27 +110,27 @@ def may_be_met(thing: bpy.types.Object) -> bool:
     return False
 
 
-def standings(thing: bpy.types.Object) -> list[Standing]:
+def standings(obj: bpy.types.Object) -> list[Standing]:
     """The meshes of an evaluated object: its own and those that its geometry nodes instance.
 
     Raises
     ------
     NeedsIterator : the depsgraph's iterator must be asked instead.
     """
-    if has_duplis(thing):
+    if has_duplis(obj):
         raise NeedsIterator
-    if thing.type == "MESH" and not has_nodes(thing):
-        return [_alone(thing.data, thing, None)]
-    return _of_geometry(thing.evaluated_geometry(), thing)
+    if obj.type == "MESH" and not has_nodes(obj):
+        return [_alone(obj.data, obj, None)]
+    return _of_geometry(obj.evaluated_geometry(), obj)
 
 
 def _of_geometry(geometry: Any, source: bpy.types.Object | None) -> list[Standing]:
-    found = []
+    trees = []
     if geometry.mesh is not None:
-        found.append(_alone(geometry.mesh, source, geometry))
+        trees.append(_alone(geometry.mesh, source, geometry))
     cloud = geometry.instances_pointcloud()
     if cloud is None:
-        return found
+        return trees
     transform, (number, tree, species) = _of_cloud(cloud)
     for index, reference in enumerate(geometry.instance_references()):
         rows = np.flatnonzero(number == index)
@@ -139,7 +139,7 @@ def _of_geometry(geometry: Any, source: bpy.types.Object | None) -> list[Standin
         for inner in _of_reference(reference):
             copies = len(inner.transform)
             outer = np.repeat(rows, copies)
-            found.append(
+            trees.append(
                 Standing(
                     mesh=inner.mesh,
                     transform=(transform[rows, None] @ inner.transform).reshape(-1, 4, 4),
@@ -149,7 +149,7 @@ def _of_geometry(geometry: Any, source: bpy.types.Object | None) -> list[Standin
                     keeper=(geometry, inner.keeper),
                 )
             )
-    return found
+    return trees
 
 
 def _of_reference(reference: Any) -> list[Standing]:
@@ -168,7 +168,7 @@ def _alone(mesh: bpy.types.Mesh, source: bpy.types.Object | None, keeper: Any) -
 
 
 def _of_cloud(cloud: bpy.types.PointCloud) -> tuple[np.ndarray, Iterator[np.ndarray]]:
-    """Return where instances stand (N, 4, 4), and (N,) whose they are, their trees and their species; -1
+    """Transforms of instances (N, 4, 4), and (N,) whose they are, their trees and their species; -1
     where they do not say."""
     columns = read(cloud, "instance_transform", "FLOAT4X4").reshape(-1, 4, 4)
     names = (".reference_index", TREE_KEY, SPECIES_KEY)
@@ -234,7 +234,7 @@ def points_mesh(
 
 
 def ranks(names: Sequence[str], others: Sequence[str]) -> np.ndarray:
-    """Return which place each of ours has in a library where ``others`` are too, as geometry nodes count
+    """Place of each of ours in a library where ``others`` are too, as geometry nodes count
     them."""
     order = sorted([*names, *others], key=natural)
     return np.array([order.index(name) for name in names], dtype=np.int64)
@@ -254,15 +254,15 @@ def library_of(scene: bpy.types.Scene, name: str) -> list[bpy.types.ID]:
     return sorted(blocks, key=lambda block: natural(block.name))
 
 
-def read_points(thing: bpy.types.Object) -> InstancedTrees:
+def read_points(obj: bpy.types.Object) -> InstancedTrees:
     """The trees of an evaluated object; none where its modifiers put none."""
-    geometry = thing.evaluated_geometry() if has_nodes(thing) else None
+    geometry = obj.evaluated_geometry() if has_nodes(obj) else None
     points = geometry.instances_pointcloud() if geometry is not None else None
     if points is None or not len(points.points):  # 4.5 gives no columns where there is no row
         empty = np.empty(0, dtype=np.int64)
         return InstancedTrees((), np.empty((0, 3, 4)), empty, empty, empty)
     local, numbers = _of_cloud(points)
-    world = np.array(thing.matrix_world, dtype=np.float64)
+    world = np.array(obj.matrix_world, dtype=np.float64)
     return InstancedTrees(tuple(geometry.instance_references()), (world @ local)[:, :3], *numbers)
 
 
@@ -296,13 +296,13 @@ def evaluated_transforms(
             points = points_mesh(NAME, 1, position, rotation, scale, zero, number, zero)
             single = bpy.data.meshes.new(NAME)
             single.vertices.add(1)
-            thing, library = bpy.data.objects.new(NAME, points), bpy.data.collections.new(NAME)
+            obj, library = bpy.data.objects.new(NAME, points), bpy.data.collections.new(NAME)
             library.objects.link(bpy.data.objects.new(NAME, single))
-            scene.collection.objects.link(thing)
-            give_instancer(thing, library, library, light=False)
+            scene.collection.objects.link(obj)
+            give_instancer(obj, library, library, light=False)
             layer = scene.view_layers[0]
             layer.update()
-            placed = read_points(thing.evaluated_get(layer.depsgraph))
+            placed = read_points(obj.evaluated_get(layer.depsgraph))
     finally:
         bpy.data.scenes.remove(scene)
     order = np.argsort(placed.tree)
@@ -319,7 +319,7 @@ class StoodTree:
     """A tree of a forest: its planting by name, where it was planted, and how it stands now.
 
     planted, place : x and y, metres. rotation : radians. diameter : 1.3 m up, metres, where it was to have
-    one, else 0. thing : its object, None where it is a point.
+    one, else 0. obj : its object, None where it is a point.
     """
 
     label: str
@@ -330,7 +330,7 @@ class StoodTree:
     variant: int
     diameter: float
     was: tuple[float, float]  # rotation and scale as planted
-    thing: bpy.types.Object | None = None
+    obj: bpy.types.Object | None = None
 
     @property
     def is_changed(self) -> bool:
@@ -342,7 +342,7 @@ class StoodTree:
 
 
 def told_of_tree(forest: GrownForest, tree: int) -> list[float]:
-    """Return what the object of a tree says of how it was planted."""
+    """Record, on the object of a tree, of how it was planted."""
     stand, wanted = forest.stand, forest.wanted
     diameter = 0.0 if wanted is None or not np.isfinite(wanted[tree, 0]) else wanted[tree, 0]
     place = stand.position[tree, :2].tolist()
@@ -353,30 +353,30 @@ def told_of_tree(forest: GrownForest, tree: int) -> list[float]:
 def note_stood(scene: bpy.types.Scene, forest: GrownForest) -> None:
     """Have the collection of each planting say where its trees were planted."""
     for planting, label in enumerate(forest.labels):
-        mine = forest.stand.position[forest.stand.species == planting, :2]
-        grove(scene, label)[STOOD_KEY] = mine.ravel().tolist()
+        places = forest.stand.position[forest.stand.species == planting, :2]
+        grove(scene, label)[STOOD_KEY] = places.ravel().tolist()
 
 
 def note_change(tree: StoodTree, variant: int) -> None:
     """Have a tree that is an object stand where it does by plan, as this variant."""
-    if tree.thing is None:
+    if tree.obj is None:
         return
     stands = [*tree.place, tree.rotation, tree.scale, float(variant), tree.diameter]
     _replace(tree, list(tree.place))
-    tree.thing[STOOD_KEY] = stands
+    tree.obj[STOOD_KEY] = stands
 
 
 def forget_tree(tree: StoodTree) -> None:
     """Delete the object of a tree, which its planting misses no more."""
-    if tree.thing is not None:
+    if tree.obj is not None:
         _replace(tree, [])
-        bpy.data.objects.remove(tree.thing)
+        bpy.data.objects.remove(tree.obj)
 
 
 def _replace(tree: StoodTree, place: list[float]) -> None:
     """Have collections say another place of a tree, or none."""
-    assert tree.thing is not None
-    for home in tree.thing.users_collection:
+    assert tree.obj is not None
+    for home in tree.obj.users_collection:
         told = np.reshape(list(home.get(STOOD_KEY, ())), (-1, 2)).tolist()
         if [*tree.planted] in told:
             told.remove([*tree.planted])
@@ -385,24 +385,24 @@ def _replace(tree: StoodTree, place: list[float]) -> None:
 
 def stood_trees(scene: bpy.types.Scene) -> list[StoodTree]:
     """Return the trees of a scene's forest that stand there."""
-    things = by_role(thing for thing in within_reach(scene) if thing.type == "MESH")
-    found = [_of_object(role, thing) for role, thing in things.items() if STOOD_KEY in thing]
+    things = by_role(obj for obj in within_reach(scene) if obj.type == "MESH")
+    stood = [_of_object(role, obj) for role, obj in things.items() if STOOD_KEY in obj]
     if POINTS_ROLE in things:
-        found += _of_points(scene, things[POINTS_ROLE])
-    return found
+        stood += _of_points(scene, things[POINTS_ROLE])
+    return stood
 
 
 def deleted_trees(scene: bpy.types.Scene) -> dict[str, list[tuple[float, float]]]:
-    """Return where trees were planted that are objects and were deleted, by planting.
+    """Places of planted trees that are objects and were deleted, by planting.
 
     Of a planting without any tree left nothing is said: it was cleared away, to be grown anew.
     """
     left: dict[str, set[tuple[float, float]]] = {}
-    for thing in bpy.data.objects:  # renamed and unlinked ones too, not those of a copied scene
-        here = not thing.users_scene or scene in thing.users_scene
-        if here and STOOD_KEY in thing and TREE_KEY in thing and thing.users:
-            label = str(thing.get(ROLE_KEY, "")).removeprefix(f"{TREES}/").rpartition(" ")[0]
-            left.setdefault(label, set()).add(tuple(thing[STOOD_KEY][:2]))
+    for obj in bpy.data.objects:  # renamed and unlinked ones too, not those of a copied scene
+        here = not obj.users_scene or scene in obj.users_scene
+        if here and STOOD_KEY in obj and TREE_KEY in obj and obj.users:
+            label = str(obj.get(ROLE_KEY, "")).removeprefix(f"{TREES}/").rpartition(" ")[0]
+            left.setdefault(label, set()).add(tuple(obj[STOOD_KEY][:2]))
     if find_part(scene, TREES) is None:
         return {}
     gone = {}
@@ -414,34 +414,34 @@ def deleted_trees(scene: bpy.types.Scene) -> dict[str, list[tuple[float, float]]
     return gone
 
 
-def _of_object(role: str, thing: bpy.types.Object) -> StoodTree:
-    x, y, turned, size, variant, diameter = thing[STOOD_KEY]
+def _of_object(role: str, obj: bpy.types.Object) -> StoodTree:
+    x, y, turned, size, variant, diameter = obj[STOOD_KEY]
     label = role.removeprefix(f"{TREES}/").rpartition(" ")[0]
-    tied = thing.parent or thing.constraints or thing.animation_data
+    tied = obj.parent or obj.constraints or obj.animation_data
     place, rotation, scale = (x, y), turned, size
-    matrix = np.array(thing.matrix_basis, dtype=float)
+    matrix = np.array(obj.matrix_basis, dtype=float)
     volume = float(np.linalg.det(matrix[:3, :3]))
     if not tied and volume > 0:
         place = float(matrix[0, 3]), float(matrix[1, 3])
         rotation, scale = float(np.arctan2(matrix[1, 0], matrix[0, 0])), float(np.cbrt(volume))
     diameter *= scale / size
     was = turned, size
-    return StoodTree(label, (x, y), place, rotation, scale, int(variant), diameter, was, thing)
+    return StoodTree(label, (x, y), place, rotation, scale, int(variant), diameter, was, obj)
 
 
-def _of_points(scene: bpy.types.Scene, thing: bpy.types.Object) -> list[StoodTree]:
+def _of_points(scene: bpy.types.Scene, obj: bpy.types.Object) -> list[StoodTree]:
     library = library_of(scene, VARIANTS)
     roles = [str(b.get(ROLE_KEY, "")).removeprefix(f"{VARIANTS}/") for b in library]
-    places = read(thing.data, "position", "FLOAT_VECTOR")
-    if any(name not in thing.data.attributes for name in (ROTATION, SCALE, VARIANT)):
+    places = read(obj.data, "position", "FLOAT_VECTOR")
+    if any(name not in obj.data.attributes for name in (ROTATION, SCALE, VARIANT)):
         return []
     kinds = {ROTATION: "FLOAT", SCALE: "FLOAT", VARIANT: "INT"}
-    columns = [read(thing.data, name, kind).tolist() for name, kind in kinds.items()]
-    found = []
+    columns = [read(obj.data, name, kind).tolist() for name, kind in kinds.items()]
+    stood = []
     rows = zip(places.tolist(), *columns, strict=True)
     for (x, y, _), turned, size, rank in rows:
         label, _, number = roles[rank].rpartition(".") if rank < len(roles) else ("", "", "")
         if number.isdigit():
             same = (x, y), (x, y), turned, size, int(number) % COARSE
-            found.append(StoodTree(label, *same, 0.0, (turned, size)))
-    return found
+            stood.append(StoodTree(label, *same, 0.0, (turned, size)))
+    return stood

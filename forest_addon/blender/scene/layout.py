@@ -93,19 +93,19 @@ def adopt(scene: bpy.types.Scene) -> None:
         if MADE_KEY in home and is_local(home):
             own(home)
     things = within_reach(scene)
-    known = {str(thing.get(ROLE_KEY, "")) for thing in things if is_ours(thing)}
-    for thing in things:
-        role = str(thing.get(ROLE_KEY, ""))
-        if MADE_KEY not in thing or is_ours(thing) or not is_local(thing) or role in known - {""}:
+    known = {str(obj.get(ROLE_KEY, "")) for obj in things if is_ours(obj)}
+    for obj in things:
+        role = str(obj.get(ROLE_KEY, ""))
+        if MADE_KEY not in obj or is_ours(obj) or not is_local(obj) or role in known - {""}:
             continue
         if not (copied or role.startswith(f"{TREES}/")):
             continue
         known.add(role)
-        own(thing)
-        data = thing.data
+        own(obj)
+        data = obj.data
         if copied and data is not None and MADE_KEY in data:
-            if stem(str(thing.get(DATA_KEY, ""))) == stem(data.name_full):
-                thing[DATA_KEY] = data.name_full
+            if stem(str(obj.get(DATA_KEY, ""))) == stem(data.name_full):
+                obj[DATA_KEY] = data.name_full
             own(data)
 
 
@@ -134,7 +134,7 @@ def points_of_forest(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """The object whose points are the trees of a scene, None where trees are objects."""
     home = find_part(scene, TREES)
     things = objects_in(home) if home is not None else ()
-    return next((thing for thing in things if thing.get(ROLE_KEY) == POINTS_ROLE), None)
+    return next((obj for obj in things if obj.get(ROLE_KEY) == POINTS_ROLE), None)
 
 
 ROOT_KEY = "forest_sensing"
@@ -167,19 +167,19 @@ def root(scene: bpy.types.Scene) -> bpy.types.Collection | None:
 
 def part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
     """One of the collections of the scene's forest, made where it is missing."""
-    top, found = root(scene), find_part(scene, name)
+    top, collection = root(scene), find_part(scene, name)
     if top is None:
         top = make_collection(ROOT, scene.collection)
         top[ROOT_KEY] = True
         _gather(top, scene.collection, PART_KEY)
-        found = find_part(scene, name)
-    if found is None:
-        found = make_collection(name, top)
-        found[PART_KEY] = name
-        found.hide_viewport = found.hide_render = name in LIBRARIES
+        collection = find_part(scene, name)
+    if collection is None:
+        collection = make_collection(name, top)
+        collection[PART_KEY] = name
+        collection.hide_viewport = collection.hide_render = name in LIBRARIES
         if name == TREES:
-            _gather(found, top, ROLE_KEY)
-    return found
+            _gather(collection, top, ROLE_KEY)
+    return collection
 
 
 def find_part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
@@ -192,25 +192,25 @@ def find_part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
 def grove(scene: bpy.types.Scene, label: str) -> bpy.types.Collection:
     """The collection of a planting's trees, made where it is missing."""
     trees, role, top = part(scene, TREES), f"{TREES}/{label}", root(scene)
-    found = _find(trees, ROLE_KEY, role, top) or _find(scene.collection, ROLE_KEY, role, top)
-    if found is None:
-        found = make_collection(label, trees)
-        found[ROLE_KEY] = role
-    return found
+    collection = _find(trees, ROLE_KEY, role, top) or _find(scene.collection, ROLE_KEY, role, top)
+    if collection is None:
+        collection = make_collection(label, trees)
+        collection[ROLE_KEY] = role
+    return collection
 
 
 def groves(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """The collections of plantings below *Trees*."""
-    found = _below(part(scene, TREES), root(scene))
-    return [home for home in found if is_local(home) and (ROLE_KEY in home or is_ours(home))]
+    collections = _below(part(scene, TREES), root(scene))
+    return [home for home in collections if is_local(home) and (ROLE_KEY in home or is_ours(home))]
 
 
 def within_reach(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The objects of a scene but for those of another scene's forest that is shown there too."""
     top = root(scene)
     others = [home for home in _below(scene.collection) if ROOT_KEY in home and home != top]
-    theirs = {thing for home in others for thing in objects_in(home)}
-    return [thing for thing in scene.objects if thing not in theirs]
+    theirs = {obj for home in others for obj in objects_in(home)}
+    return [obj for obj in scene.objects if obj not in theirs]
 
 
 def objects_in(top: bpy.types.Collection) -> list[bpy.types.Object]:
@@ -219,7 +219,7 @@ def objects_in(top: bpy.types.Collection) -> list[bpy.types.Object]:
     Blender's own list of them, ``all_objects``, may have objects that an undo removed: reading it crashes.
     """
     homes = (top, *_below(top))
-    return list(dict.fromkeys(thing for home in homes for thing in home.objects))
+    return list(dict.fromkeys(obj for home in homes for obj in home.objects))
 
 
 def _gather(home: bpy.types.Collection, above: bpy.types.Collection, key: str) -> None:

@@ -175,7 +175,7 @@ def write_truth(mesh: bpy.types.Mesh, asset: str, species: str, tree: Tree) -> N
 
 
 def read_truth(mesh: bpy.types.Mesh) -> PlacedVariant | None:
-    """Return what a mesh says of its tree, in float32; None where it says nothing, or not all of it."""
+    """Truth of a tree as its mesh keeps it, in float32; None where it keeps nothing, or not all of it."""
     wood, leaves = mesh.get(WOOD), mesh.get(LEAVES)
     if not (isinstance(wood, bpy.types.Mesh) and isinstance(leaves, bpy.types.Mesh)):
         return None
@@ -212,9 +212,9 @@ def placed_trees(scene: SceneGeometry) -> PlacedTrees:
     for mesh in bpy.data.meshes:
         asset = mesh.get(ASSET_KEY)
         if isinstance(asset, str) and asset in wanted and asset not in by_asset:
-            found = read_truth(mesh)
-            if found is not None:
-                by_asset[asset] = found
+            truth = read_truth(mesh)
+            if truth is not None:
+                by_asset[asset] = truth
     names = [asset for asset in wanted if asset in by_asset]
     number = {asset: k for k, asset in enumerate(names)}
     of_mesh = np.array([number.get(asset, -1) for asset in scene.asset], dtype=np.int64)

@@ -248,7 +248,7 @@ SHARES = {"subtype": "FACTOR", "default_value": 1.0, "min_value": 0.0, "max_valu
 
 
 def give_instancer(
-    thing: bpy.types.Object,
+    obj: bpy.types.Object,
     variants: bpy.types.Collection,
     outlines: bpy.types.Collection,
     light: bool,
@@ -258,12 +258,14 @@ def give_instancer(
     light : show outlines in views.
     """
     named = (INSTANCER, FIRST)  # one whose node group was deleted is known by its name
-    by_nodes = ((m, m.node_group) for m in thing.modifiers if m.type == "NODES")
-    found = (m for m, group in by_nodes if _is_instancer(group) or (not group and m.name in named))
-    modifier = next(found, None)
-    chosen = modifier is not None and is_light(modifier) != thing.get(LIGHT_KEY, False)
+    by_nodes = ((m, m.node_group) for m in obj.modifiers if m.type == "NODES")
+    instancers = (
+        m for m, group in by_nodes if _is_instancer(group) or (not group and m.name in named)
+    )
+    modifier = next(instancers, None)
+    chosen = modifier is not None and is_light(modifier) != obj.get(LIGHT_KEY, False)
     if modifier is None:
-        modifier = thing.modifiers.new(INSTANCER, "NODES")
+        modifier = obj.modifiers.new(INSTANCER, "NODES")
     if modifier.node_group is None:
         modifier.node_group, chosen = instancer_group(), False
     sockets = _sockets(modifier)
@@ -273,7 +275,7 @@ def give_instancer(
             set_input(modifier, name, library)
     if LIGHT in sockets and not chosen:
         set_input(modifier, LIGHT, light)
-    thing[LIGHT_KEY] = light
+    obj[LIGHT_KEY] = light
 
 
 @contextmanager
@@ -283,8 +285,8 @@ def in_full(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
     """
     by_nodes = [
         modifier
-        for thing in depsgraph.scene.objects
-        for modifier in thing.original.modifiers
+        for obj in depsgraph.scene.objects
+        for modifier in obj.original.modifiers
         if modifier.type == "NODES" and modifier.node_group is not None
     ]
     less = [
@@ -323,14 +325,14 @@ def is_light(modifier: bpy.types.Modifier) -> bool:
     return LIGHT in _sockets(modifier) and bool(_input(modifier, LIGHT)[0])
 
 
-def instancer_of(thing: bpy.types.Object | None) -> bpy.types.Modifier | None:
+def instancer_of(obj: bpy.types.Object | None) -> bpy.types.Modifier | None:
     """The modifier that puts trees on an object's points, None where it has none."""
-    modifiers = thing.modifiers if thing is not None else ()
+    modifiers = obj.modifiers if obj is not None else ()
     return next((m for m in modifiers if m.type == "NODES" and _is_instancer(m.node_group)), None)
 
 
 def shown_of(modifier: bpy.types.Modifier) -> str:
-    """Return what views show of an instancer's trees: "FULL", "LIGHT" (stand-ins) or "DOTS"."""
+    """Detail in which views show an instancer's trees: "FULL", "LIGHT" (stand-ins) or "DOTS"."""
     if DOTS in _sockets(modifier) and _input(modifier, DOTS)[0]:
         return "DOTS"
     return "LIGHT" if is_light(modifier) else "FULL"
@@ -363,7 +365,7 @@ def has_input(modifier: bpy.types.Modifier, socket: str) -> bool:
 
 
 def drawn_inputs(modifier: bpy.types.Modifier) -> dict[str, tuple[Any, str]]:
-    """Return what a layout draws of each input, by its name: whose property, and its name; none of other
+    """Property that a layout draws of each input, by its name: its owner and its name; none of other
     modifiers than geometry nodes."""
     if modifier.type != "NODES":
         return {}
@@ -402,7 +404,7 @@ def choose_input(modifier: bpy.types.Modifier, socket: str, choice: str) -> None
 
 
 def chosen_input(modifier: bpy.types.Modifier, socket: str) -> str:
-    """Return what a menu among the inputs of a geometry-nodes modifier is set to; empty where that is
+    """Choice of a menu among the inputs of a geometry-nodes modifier; empty where that is
     unknown."""
     value, holder, key = _input(modifier, socket)
     if holder is not modifier:
@@ -500,23 +502,23 @@ FAR = 100.0  # m of margin; a ground that reaches farther is there for a horizon
 AROUND = 0.25  # of the field's longer side: what views show around it
 
 
-def show_near(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> None:
+def show_near(obj: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> None:
     """Have views show a far, flat ground around the field alone.
 
     A modifier that the user has taken away does not come back.
     """
-    modifier = next((m for m in thing.modifiers if _is_ours(m)), None)
+    modifier = next((m for m in obj.modifiers if _is_ours(m)), None)
     far = terrain.triangles() is None and field.margin > FAR
-    if modifier is None and (not far or thing.get(VIEW_KEY)):
+    if modifier is None and (not far or obj.get(VIEW_KEY)):
         return
     if not far:
-        thing.modifiers.remove(modifier)
-        del thing[VIEW_KEY]
+        obj.modifiers.remove(modifier)
+        del obj[VIEW_KEY]
         return
     if modifier is None:
-        modifier = thing.modifiers.new(GROUP, "NODES")
+        modifier = obj.modifiers.new(GROUP, "NODES")
         modifier.node_group = marked(VIEW_KEY, True) or _make()
-        thing[VIEW_KEY] = True
+        obj[VIEW_KEY] = True
     for name, way, extent in ((LOW, -1.0, (0.0, 0.0)), (HIGH, 1.0, field.size)):
         corner = [o + e + way * around(field) for o, e in zip(field.origin, extent, strict=True)]
         set_input(modifier, name, (*corner, 0.0))
@@ -530,8 +532,8 @@ def around(field: spec.Forest) -> float:
 def shown_corners(scene: bpy.types.Scene) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     """The lower and upper corner, x and y, of the ground that views show; None where they show all."""
     home = find_part(scene, GROUND_NAME)
-    for thing in home.objects if home is not None else ():
-        modifier = next((m for m in thing.modifiers if m.type == "NODES" and _is_ours(m)), None)
+    for obj in home.objects if home is not None else ():
+        modifier = next((m for m in obj.modifiers if m.type == "NODES" and _is_ours(m)), None)
         if modifier is not None and modifier.show_viewport:
             low, high = (tuple(input_of(modifier, name)[:2]) for name in (LOW, HIGH))
             return low, high

@@ -80,9 +80,9 @@ class KeptStanding:
     @classmethod
     def of(cls, scene: bpy.types.Scene) -> KeptStanding:
         """Read a scene."""
-        found = [thing for thing in within_reach(scene) if thing.type == "MESH"]
+        found = [obj for obj in within_reach(scene) if obj.type == "MESH"]
         things = by_role(found)
-        theirs = [thing.data for thing in found]  # a copy may still have what its variant had
+        theirs = [obj.data for obj in found]  # a copy may still have what its variant had
         meshes = by_role([*theirs, *(things[role].data for role in sorted(things))])
         worn = chain.from_iterable(mesh.materials for mesh in meshes.values())
         return cls(things, meshes, by_role(material for material in worn if material))
@@ -107,9 +107,9 @@ class KeptStanding:
         same. coats : what it wears where the old one wears nothing. like : a mesh whose materials it
         takes where there is no old one. A mesh that the user gave the object stays.
         """
-        thing = self.things.get(role)
-        if thing is not None and has_own_mesh(thing):
-            return thing.data
+        obj = self.things.get(role)
+        if obj is not None and has_own_mesh(obj):
+            return obj.data
         old = self.meshes.get(role)
         worn = self._dress(old or like, coats)
         if old is not None and shape and old.get(SHAPE_KEY) == shape:
@@ -153,9 +153,9 @@ class KeptStanding:
         return worn
 
 
-def has_own_mesh(thing: bpy.types.Object) -> bool:
+def has_own_mesh(obj: bpy.types.Object) -> bool:
     """Return whether an object of ours has a mesh that the user gave it."""
-    return bool(thing.get(DATA_KEY) != thing.data.name_full)
+    return bool(obj.get(DATA_KEY) != obj.data.name_full)
 
 
 def fingerprint(mesh: TriMesh) -> str:
@@ -201,7 +201,7 @@ def put(
     home_of |= {(TREES, label): grove(scene, label) for label in labels}
     homes = {root(scene), *home_of.values(), *groves(scene)}
     kept = {w.role: standing.things[w.role] for w in wanted if w.role in standing.things}
-    made = {want.data for want in wanted} - {thing.data for thing in kept.values()}
+    made = {want.data for want in wanted} - {obj.data for obj in kept.values()}
 
     variants = {t.data for role, t in standing.things.items() if role.startswith(VARIANTS)}
     _clear(homes, set(kept.values()))
@@ -209,15 +209,15 @@ def put(
     _dissolve(set(groves(scene)) - set(home_of.values()), part(scene, TREES))
     things, given = {}, []
     for want in wanted:
-        thing = kept.get(want.role)
-        if thing is None:
-            thing = bpy.data.objects.new(want.name, want.data)
-            home_of[want.part, want.label].objects.link(thing)
-            given.append(thing)
-        elif not has_own_mesh(thing) or (want.part == TREES and thing.data in variants):
-            thing.data = want.data
-            given.append(thing)
-        things[want.role] = thing
+        obj = kept.get(want.role)
+        if obj is None:
+            obj = bpy.data.objects.new(want.name, want.data)
+            home_of[want.part, want.label].objects.link(obj)
+            given.append(obj)
+        elif not has_own_mesh(obj) or (want.part == TREES and obj.data in variants):
+            obj.data = want.data
+            given.append(obj)
+        things[want.role] = obj
     # Meshes of ours that nothing uses any more go, with the materials that only they used.
     unused = [mesh for mesh in bpy.data.meshes if not mesh.users and is_ours(mesh)]
     worn = {material for mesh in unused for material in mesh.materials if material}
@@ -225,8 +225,8 @@ def put(
     bpy.data.batch_remove([coat for coat in worn if not coat.users and is_ours(coat)])
     for mesh in made:
         settle(mesh)
-    for thing in given:
-        thing[DATA_KEY] = thing.data.name_full
+    for obj in given:
+        obj[DATA_KEY] = obj.data.name_full
     for want in wanted:
         _tell(things[want.role], want)
     return things
@@ -239,16 +239,16 @@ def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> Non
     What is nowhere any more, its collection removed, goes as well: it would keep its name from others.
     """
     every = (*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes))
-    theirs = {thing for home in every if home not in homes for thing in home.objects}
+    theirs = {obj for home in every if home not in homes for obj in home.objects}
     doomed = {t for t in bpy.data.objects if not t.users and ROLE_KEY in t and is_ours(t)}
     for home in homes:
-        for thing in list(home.objects):
-            if thing in kept or thing.type != "MESH" or not is_ours(thing) or CLOUD_KEY in thing:
+        for obj in list(home.objects):
+            if obj in kept or obj.type != "MESH" or not is_ours(obj) or CLOUD_KEY in obj:
                 continue
-            if thing in theirs:
-                home.objects.unlink(thing)
+            if obj in theirs:
+                home.objects.unlink(obj)
             else:
-                doomed.add(thing)
+                doomed.add(obj)
     bpy.data.batch_remove(doomed)
 
 
@@ -264,14 +264,14 @@ def _send_home(
     """
     inside = {home: set(home.objects) for home in homes}
     for want in wanted:
-        thing, home = kept.get(want.role), home_of[want.part, want.label]
-        if thing is None or thing in inside[home]:
+        obj, home = kept.get(want.role), home_of[want.part, want.label]
+        if obj is None or obj in inside[home]:
             continue
-        astray = [other for other in homes if thing in inside[other]]
+        astray = [other for other in homes if obj in inside[other]]
         if astray or want.part in LIBRARIES:
-            home.objects.link(thing)
+            home.objects.link(obj)
         for other in astray:
-            other.objects.unlink(thing)
+            other.objects.unlink(obj)
 
 
 def _dissolve(unwanted: set[bpy.types.Collection], heir: bpy.types.Collection) -> None:
@@ -287,16 +287,16 @@ def _dissolve(unwanted: set[bpy.types.Collection], heir: bpy.types.Collection) -
         bpy.data.collections.remove(home)
 
 
-def _tell(thing: bpy.types.Object, want: WantedObject) -> None:
+def _tell(obj: bpy.types.Object, want: WantedObject) -> None:
     """Name and place an object of ours, and have it say what it is."""
-    if want.part != TREES or stem(thing.name) == want.name:  # else the user calls it so
-        settle(thing, want.name)
-    thing[ROLE_KEY] = want.role
+    if want.part != TREES or stem(obj.name) == want.name:  # else the user calls it so
+        settle(obj, want.name)
+    obj[ROLE_KEY] = want.role
     for key, value in want.says.items():
-        thing[key] = value
+        obj[key] = value
     if want.place is not None:
         matrix = Matrix([*want.place.tolist(), [0.0, 0.0, 0.0, 1.0]])
-        if thing.parent is None:
-            thing.matrix_world = matrix
+        if obj.parent is None:
+            obj.matrix_world = matrix
         else:  # it goes along with what the user has tied it to
-            thing.matrix_basis = matrix
+            obj.matrix_basis = matrix

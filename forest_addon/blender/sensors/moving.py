@@ -39,8 +39,8 @@ class SceneFollower:
 
     def curve(self, name: str) -> np.ndarray | None:
         """(K, 3) world points of a curve's first spline, at its own resolution; None of other objects."""
-        thing = self._thing(name)
-        return curve_points(thing) if _is_line(thing) else None
+        obj = self._thing(name)
+        return curve_points(obj) if _is_line(obj) else None
 
     def motion(self, name: str, count: int | None = None) -> Trajectory:
         """The poses of an object over the scene's frames; what it passes stands as at the present frame.
@@ -77,9 +77,9 @@ class SceneFollower:
         return scene.frame_start, scene.frame_end, scene.render.fps / scene.render.fps_base
 
     def _thing(self, name: str) -> bpy.types.Object:
-        thing = self._scene.objects.get(name)
-        if thing is not None:
-            return thing
+        obj = self._scene.objects.get(name)
+        if obj is not None:
+            return obj
         shown = (t.name for t in self._scene.objects if t.type in ("CURVE", "EMPTY"))
         near = ", ".join(sorted(shown)[:8])
         known = f"; curves and empties here: {near}" if near else ""
@@ -87,13 +87,13 @@ class SceneFollower:
 
     def _matrices(self, name: str, frames: np.ndarray) -> np.ndarray:
         """(K, 4, 4) of an object as it is evaluated at frames (K,)."""
-        found = []
+        matrices = []
         for frame in frames.tolist():
             self._scene.frame_set(math.floor(frame), subframe=frame - math.floor(frame))
             depsgraph = bpy.context.evaluated_depsgraph_get()
-            thing = self._scene.objects[name].evaluated_get(depsgraph)
-            found.append(np.array(thing.matrix_world, dtype=np.float64))
-        return np.array(found).reshape(-1, 4, 4)
+            obj = self._scene.objects[name].evaluated_get(depsgraph)
+            matrices.append(np.array(obj.matrix_world, dtype=np.float64))
+        return np.array(matrices).reshape(-1, 4, 4)
 
 
 class Forecast(SceneFollower):
@@ -104,11 +104,11 @@ class Forecast(SceneFollower):
 
     def curve(self, name: str) -> np.ndarray | None:
         """(2, 3) points as far apart as a curve's first spline is long; None of other objects."""
-        thing = self._thing(name)
-        if not _is_line(thing):
+        obj = self._thing(name)
+        if not _is_line(obj):
             return None
-        size = np.cbrt(abs(thing.matrix_world.to_3x3().determinant()))
-        length = size * sum(spline.calc_length() for spline in thing.data.splines[:1])
+        size = np.cbrt(abs(obj.matrix_world.to_3x3().determinant()))
+        length = size * sum(spline.calc_length() for spline in obj.data.splines[:1])
         return np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
 
     def motion(self, name: str, count: int | None = None) -> Trajectory:
@@ -119,16 +119,16 @@ class Forecast(SceneFollower):
         return moving((frames - first) / rate, np.tile(np.eye(4), (len(frames), 1, 1)))
 
 
-def _is_line(thing: bpy.types.Object) -> bool:
+def _is_line(obj: bpy.types.Object) -> bool:
     """Return whether an object is a curve that does not move."""
-    return thing.type == "CURVE" and thing.animation_data is None
+    return obj.type == "CURVE" and obj.animation_data is None
 
 
-def curve_points(thing: bpy.types.Object) -> np.ndarray:
+def curve_points(obj: bpy.types.Object) -> np.ndarray:
     """(K, 3) world points of a curve's first spline, at its own resolution; of a closed one the last is the
     first.
     """
-    bare = thing.data.copy()
+    bare = obj.data.copy()
     bare.bevel_depth = bare.extrude = bare.offset = 0.0
     bare.bevel_object = bare.taper_object = None
     bare.bevel_mode = "ROUND"
@@ -148,7 +148,7 @@ def curve_points(thing: bpy.types.Object) -> np.ndarray:
     points = local.reshape(-1, 3).astype(np.float64)
     if closed:
         points = np.concatenate([points, points[:1]])
-    matrix = np.array(thing.matrix_world, dtype=np.float64)
+    matrix = np.array(obj.matrix_world, dtype=np.float64)
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
@@ -217,8 +217,8 @@ def read_motion(
                 tracks = _tracks(scene, now, frames / rate, samples, jumps=True)
                 both = tracks.joined[::2] & tracks.joined[1::2]
                 off, bent = coarse.off(middle / rate, between, both)
-                found = _probed(scene, now, frames / rate, samples, reader, rate, tracks)
-                off, bent = max(off, found[0]), max(bent, found[1])
+                off_by = _probed(scene, now, frames / rate, samples, reader, rate, tracks)
+                off, bent = max(off, off_by[0]), max(bent, off_by[1])
     return tracks.motion(off, bent, steps)
 
 
@@ -241,8 +241,8 @@ def _probed(
         when = time[first] + SHARE * np.diff(time[ends])
         pair = _tracks(scene, now, time[ends], samples[ends])
         steady = None if finest is None else finest.joined[[first]]
-        found = pair.off(when, reader.at(when * rate), steady)
-        off, bent = max(off, found[0]), max(bent, found[1])
+        pair_off = pair.off(when, reader.at(when * rate), steady)
+        off, bent = max(off, pair_off[0]), max(bent, pair_off[1])
     return off, bent
 
 
@@ -289,19 +289,19 @@ class _SceneInTime:
 
     def at(self, frames: np.ndarray) -> list[SceneSample]:
         """Samples at frames (K,)."""
-        found: list[SceneSample] = []
+        taken: list[SceneSample] = []
         full = 0
         for frame in (self._place.frame_start + frames).tolist():
             self._go(frame)
-            found.append(self._read())
-            full += found[-1].nbytes
+            taken.append(self._read())
+            full += taken[-1].nbytes
             if full > MOST_BYTES:
                 raise SpecError(
                     "motion",
                     f"fills the memory by frame {frame:g}, as what changes its shape is kept for every "
                     "frame; scan for a shorter time, or apply its modifiers",
                 )
-        return found
+        return taken
 
     def now(self) -> SceneSample:
         """A sample of the present frame."""

@@ -34,25 +34,25 @@ def new_sensor(scene: bpy.types.Scene, settings: Sensor) -> bpy.types.Object:
     """A new object for a sensor among the scene's sensors, placed where its settings say."""
     home = part(scene, SENSORS)
     if KINDS[settings.kind].body == "speaker":
-        thing = _speaker(settings.name)
+        obj = _speaker(settings.name)
         receiver = _empty(f"{settings.name} receiver", "SPHERE")
         home.objects.link(receiver)
-        thing[RECEIVER_KEY] = receiver
+        obj[RECEIVER_KEY] = receiver
     else:
-        thing = _empty(settings.name, "ARROWS")
-    thing[KIND_KEY] = settings.kind
-    lock(thing)
-    home.objects.link(thing)
-    place(thing, settings)
-    return thing
+        obj = _empty(settings.name, "ARROWS")
+    obj[KIND_KEY] = settings.kind
+    lock(obj)
+    home.objects.link(obj)
+    place(obj, settings)
+    return obj
 
 
 def put_sensor(scene: bpy.types.Scene, settings: Sensor) -> bpy.types.Object:
     """The object of a sensor: the one of its name and kind that the scene has, moved, or a new one."""
-    for thing in sensors_of(scene):
-        if file_name(thing.name) == settings.name and kind_of(thing) == settings.kind:
-            place(thing, settings)
-            return thing
+    for obj in sensors_of(scene):
+        if file_name(obj.name) == settings.name and kind_of(obj) == settings.kind:
+            place(obj, settings)
+            return obj
     return new_sensor(scene, settings)
 
 
@@ -68,20 +68,20 @@ def new_path(
     places = np.ones((len(points), 4))
     places[:, :3] = np.subtract(points, points[0])
     line.points.foreach_set("co", places.astype(np.float32).ravel())
-    thing = bpy.data.objects.new(name, data)
-    thing.location = points[0]
-    part(scene, SENSORS).objects.link(thing)
-    sensor[PATH_KEY] = thing
-    sensor.location = thing.location
-    return thing
+    obj = bpy.data.objects.new(name, data)
+    obj.location = points[0]
+    part(scene, SENSORS).objects.link(obj)
+    sensor[PATH_KEY] = obj
+    sensor.location = obj.location
+    return obj
 
 
-def lock(thing: bpy.types.Object) -> None:
+def lock(obj: bpy.types.Object) -> None:
     """Keep a sensor from moves by hand that would have no effect."""
-    kind = KINDS[kind_of(thing)]
-    thing.lock_location = (not kind.posed,) * 3
-    thing.lock_rotation = tuple(axis not in kind.turns for axis in range(3))
-    thing.lock_scale = (True,) * 3
+    kind = KINDS[kind_of(obj)]
+    obj.lock_location = (not kind.posed,) * 3
+    obj.lock_rotation = tuple(axis not in kind.turns for axis in range(3))
+    obj.lock_scale = (True,) * 3
 
 
 def _speaker(name: str) -> bpy.types.Object:
@@ -92,32 +92,32 @@ def _speaker(name: str) -> bpy.types.Object:
         return bpy.data.objects.new(name, bpy.data.speakers.new(name))
     objects = bpy.context.view_layer.objects
     chosen, selected = objects.active, list(objects.selected)
-    thing = add_speaker(name, (0.0, 0.0, 0.0))  # which selects it alone
+    obj = add_speaker(name, (0.0, 0.0, 0.0))  # which selects it alone
     for one in objects:
         one.select_set(one in selected)
     objects.active = chosen
-    for home in list(thing.users_collection):
-        home.objects.unlink(thing)
-    return thing
+    for home in list(obj.users_collection):
+        home.objects.unlink(obj)
+    return obj
 
 
-def remove_sensor(thing: bpy.types.Object) -> None:
+def remove_sensor(obj: bpy.types.Object) -> None:
     """Remove a sensor's object with its data; its receiver or path too, unless a copy of it has that."""
-    data, gone = [thing.data], []
+    data, gone = [obj.data], []
     for key in (RECEIVER_KEY, PATH_KEY):
-        own = _held(thing, key)
-        others = (other for other in bpy.data.objects if other != thing)
+        own = _held(obj, key)
+        others = (other for other in bpy.data.objects if other != obj)
         if own is not None and not any(_held(other, key) == own for other in others):
             gone.append(own)
             data.append(own.data)
-    for one in (thing, *gone):
+    for one in (obj, *gone):
         bpy.data.objects.remove(one)
     bpy.data.batch_remove([one for one in data if one is not None and not one.users])
 
 
-def kind_of(thing: bpy.types.Object) -> str:
+def kind_of(obj: bpy.types.Object) -> str:
     """The kind of sensor that an object is, empty if it is none."""
-    return str(thing.get(KIND_KEY, ""))
+    return str(obj.get(KIND_KEY, ""))
 
 
 def file_name(name: str) -> str:
@@ -130,18 +130,13 @@ def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
     Those that are linked from another file, and those of another scene's forest, are not among them.
     """
-    found = {
-        thing
+    sensors = {
+        obj
         for home in _homes(scene)
-        for thing in home.objects
-        if (
-            KIND_KEY in thing
-            and kind_of(thing) in KINDS
-            and thing.type in BODIES
-            and is_local(thing)
-        )
+        for obj in home.objects
+        if (KIND_KEY in obj and kind_of(obj) in KINDS and obj.type in BODIES and is_local(obj))
     }
-    return sorted(found, key=lambda thing: thing.name)
+    return sorted(sensors, key=lambda obj: obj.name)
 
 
 def home_of(
@@ -157,24 +152,24 @@ def home_of(
     return home if there.issuperset(sensors_of(scene) if known is None else known) else scene
 
 
-def is_foreign(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+def is_foreign(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     """Return whether a scene shows a sensor that it cannot run as it is: one that is linked from another
     file, is of another scene's forest, or whose receiver or path is in no collection here."""
-    if thing.type not in BODIES or kind_of(thing) not in KINDS:
+    if obj.type not in BODIES or kind_of(obj) not in KINDS:
         return False
-    return thing not in sensors_of(scene) or bool(_left_behind(scene, thing))
+    return obj not in sensors_of(scene) or bool(_left_behind(scene, obj))
 
 
-def adopt(scene: bpy.types.Scene, thing: bpy.types.Object) -> bpy.types.Object:
+def adopt(scene: bpy.types.Scene, obj: bpy.types.Object) -> bpy.types.Object:
     """Make a sensor that a scene shows its own, or a copy of one of another scene's forest; return it.
 
     What it needs comes along. The receiver of a pasted reverb, for one, is in the file, and in no collection.
     """
-    made = thing
-    if not is_local(thing):
-        made = thing.make_local() or thing
-    elif thing not in sensors_of(scene):
-        made = thing.copy()
+    made = obj
+    if not is_local(obj):
+        made = obj.make_local() or obj
+    elif obj not in sensors_of(scene):
+        made = obj.copy()
     home = part(scene, SENSORS)
     if made not in sensors_of(scene):
         home.objects.link(made)
@@ -183,9 +178,9 @@ def adopt(scene: bpy.types.Scene, thing: bpy.types.Object) -> bpy.types.Object:
     return made
 
 
-def _left_behind(scene: bpy.types.Scene, thing: bpy.types.Object) -> list[bpy.types.Object]:
-    """Return what a sensor needs and the scene does not hold: its receiver, its path."""
-    needed = (_held(thing, RECEIVER_KEY), _held(thing, PATH_KEY))
+def _left_behind(scene: bpy.types.Scene, obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """Needs of a sensor that the scene does not hold: its receiver, its path."""
+    needed = (_held(obj, RECEIVER_KEY), _held(obj, PATH_KEY))
     return [one for one in needed if one is not None and scene.objects.get(one.name) != one]
 
 
@@ -200,88 +195,88 @@ def _homes(scene: bpy.types.Scene) -> Iterator[bpy.types.Collection]:
         waiting.extend(home.children)
 
 
-def place(thing: bpy.types.Object, settings: Sensor) -> None:
+def place(obj: bpy.types.Object, settings: Sensor) -> None:
     """Move and turn an object to where its settings say."""
     kind = KINDS[settings.kind]
-    thing.rotation_mode = "XYZ"
+    obj.rotation_mode = "XYZ"
     if kind.body == "speaker":  # it points where it faces, and its receiver is where one listens
         reverb: Any = settings
         up, turn = reverb.facing_elevation_deg, reverb.facing_azimuth_deg
-        thing.location = reverb.source
-        thing.rotation_euler = (math.radians(90 + up), 0.0, math.radians(turn - 90))
-        if receiver := receiver_of(thing):
+        obj.location = reverb.source
+        obj.rotation_euler = (math.radians(90 + up), 0.0, math.radians(turn - 90))
+        if receiver := receiver_of(obj):
             receiver.location = reverb.receiver
         return
     azimuth, elevation = (
         next((getattr(settings, name) for name in names if name in kind.posed), 0.0)
         for names in (AZIMUTHS, ELEVATIONS)
     )
-    thing.rotation_euler = (0.0, -math.radians(elevation), math.radians(azimuth))
+    obj.rotation_euler = (0.0, -math.radians(elevation), math.radians(azimuth))
     if "position" in kind.posed:
-        thing.location = settings.position  # type: ignore[attr-defined]
+        obj.location = settings.position  # type: ignore[attr-defined]
     elif poses := getattr(settings, "poses", ()):
-        thing.location = poses[0].position
+        obj.location = poses[0].position
 
 
-def pose(thing: bpy.types.Object) -> dict[str, Any]:
+def pose(obj: bpy.types.Object) -> dict[str, Any]:
     """The settings that an object's evaluated transform says.
 
     Raises
     ------
     SpecError : a reverb whose receiver is gone.
     """
-    kind = KINDS[kind_of(thing)]
+    kind = KINDS[kind_of(obj)]
     if kind.body == "speaker":
-        receiver = receiver_of(thing)
+        receiver = receiver_of(obj)
         if receiver is None:
-            raise SpecError(thing.name, "its receiver is gone; choose an object as receiver")
-        azimuth, elevation = _direction_of(thing, axis=2, sign=-1)
+            raise SpecError(obj.name, "its receiver is gone; choose an object as receiver")
+        azimuth, elevation = _direction_of(obj, axis=2, sign=-1)
         return {
-            "source": _place_of(thing),
+            "source": _place_of(obj),
             "receiver": _place_of(receiver),
             "facing_azimuth_deg": azimuth,
             "facing_elevation_deg": elevation,
         }
-    found: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
     if "position" in kind.posed:  # else it goes where its poses, or what it follows, say
-        found["position"] = _place_of(thing)
-    azimuth, elevation = _direction_of(thing)
-    found |= {name: azimuth for name in AZIMUTHS if name in kind.posed}
-    return found | {name: elevation for name in ELEVATIONS if name in kind.posed}
+        settings["position"] = _place_of(obj)
+    azimuth, elevation = _direction_of(obj)
+    settings |= {name: azimuth for name in AZIMUTHS if name in kind.posed}
+    return settings | {name: elevation for name in ELEVATIONS if name in kind.posed}
 
 
-def heading(thing: bpy.types.Object) -> float:
-    """Return where an object's X axis points, degrees from +X towards +Y."""
-    return _direction_of(thing)[0]
+def heading(obj: bpy.types.Object) -> float:
+    """Azimuth of an object's X axis, degrees from +X towards +Y."""
+    return _direction_of(obj)[0]
 
 
-def receiver_of(thing: bpy.types.Object) -> bpy.types.Object | None:
+def receiver_of(obj: bpy.types.Object) -> bpy.types.Object | None:
     """The object that hears what a reverb's source sends, None where it is gone."""
-    return _held(thing, RECEIVER_KEY)
+    return _held(obj, RECEIVER_KEY)
 
 
-def _held(thing: bpy.types.Object, key: str) -> bpy.types.Object | None:
+def _held(obj: bpy.types.Object, key: str) -> bpy.types.Object | None:
     """The object that a custom property points to, None where there is none."""
-    held = thing.get(key)
+    held = obj.get(key)
     return held if isinstance(held, bpy.types.Object) else None
 
 
 def _empty(name: str, shape: str) -> bpy.types.Object:
-    thing = bpy.data.objects.new(name, None)
-    thing.empty_display_type = shape
-    thing.empty_display_size = 0.6
-    thing.show_in_front = thing.show_name = True
-    return thing
+    obj = bpy.data.objects.new(name, None)
+    obj.empty_display_type = shape
+    obj.empty_display_size = 0.6
+    obj.show_in_front = obj.show_name = True
+    return obj
 
 
-def _place_of(thing: bpy.types.Object) -> tuple[float, float, float]:
-    x, y, z = (shortest(value) for value in thing.matrix_world.translation)
+def _place_of(obj: bpy.types.Object) -> tuple[float, float, float]:
+    x, y, z = (shortest(value) for value in obj.matrix_world.translation)
     return x, y, z
 
 
-def _direction_of(thing: bpy.types.Object, axis: int = 0, sign: int = 1) -> tuple[float, float]:
+def _direction_of(obj: bpy.types.Object, axis: int = 0, sign: int = 1) -> tuple[float, float]:
     """Azimuth and elevation of an object's local X axis, or of another, degrees."""
-    x, y, z = sign * np.array(thing.matrix_world, dtype=np.float64)[:3, axis]
+    x, y, z = sign * np.array(obj.matrix_world, dtype=np.float64)[:3, axis]
     azimuth = math.degrees(math.atan2(y, x))
     elevation = math.degrees(math.atan2(z, math.hypot(x, y)))
     return round(azimuth, DEGREE_DIGITS) + 0.0, round(elevation, DEGREE_DIGITS) + 0.0  # no -0.0

@@ -52,8 +52,8 @@ class Observer:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
         self.warning = rounding_warning(self.geometry)  # what a user should know, in a sentence
-        ends = (thing for thing in depsgraph.objects if thing.type in ENDS)
-        self.places = {thing.name: tuple(thing.matrix_world.translation) for thing in ends}
+        ends = (obj for obj in depsgraph.objects if obj.type in ENDS)
+        self.places = {obj.name: tuple(obj.matrix_world.translation) for obj in ends}
         self.rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self.ran: set[str] = set()  # kinds of sensors for which all is set up
@@ -184,7 +184,7 @@ class Observer:
     def warnings(
         self, sensor: Sensor, way: Trajectory | None = None, folder: Path = Path()
     ) -> tuple[str, ...]:
-        """Return what a user would not want of where a sensor stands, in sentences: inside of a tree."""
+        """Sentences on a sensor that stands where no user would want it: inside of a tree."""
         points = kind_of(sensor).positions(Observation(sensor, self, Scene(), folder, way))
         trees = tree_around(self.wood, points)
         moving = self._moving.get(choose(sensor)[0])
@@ -286,7 +286,7 @@ class Observer:
 
     @staticmethod
     def way(sensor: Sensor, folder: Path = Path()) -> Any:
-        """Return where a moving sensor goes, sampled from Blender's scene or read from a file; None: it
+        """Path of a moving sensor, sampled from Blender's scene or read from a file; None: it
         stays.
 
         Raises

@@ -70,18 +70,18 @@ def legend_of(
 
     objects : names by the number of an instance. species : names by the number of a species.
     """
-    found = _named("Organ", cloud.returns.organ, PART_NAMES, _of_organ)
-    found += _named("Species", cloud.returns.species, species, _of_number)
-    found += _named("Object", cloud.returns.instance, objects, _of_number)
-    found += _scaled("Height", cloud.position[:, 2], "m")
-    found += _scaled("Distance", cloud.returns.distance, "m")
-    found += _scaled(
+    entries = _named("Organ", cloud.returns.organ, PART_NAMES, _of_organ)
+    entries += _named("Species", cloud.returns.species, species, _of_number)
+    entries += _named("Object", cloud.returns.instance, objects, _of_number)
+    entries += _scaled("Height", cloud.position[:, 2], "m")
+    entries += _scaled("Distance", cloud.returns.distance, "m")
+    entries += _scaled(
         "Incidence", DEGREES * np.arccos(np.minimum(cloud.returns.cos_incidence, 1.0)), "°"
     )
-    found += _scaled("Width", 1e9 * cloud.width, "ns")
-    found += _scaled("Scan Angle", DEGREES * cloud.scan_angle, "°")
-    found += _scaled("Time", cloud.time, "s")
-    return found + _scaled("Intensity", 10.0 * np.log10(np.maximum(cloud.intensity, 1e-20)), "dB")
+    entries += _scaled("Width", 1e9 * cloud.width, "ns")
+    entries += _scaled("Scan Angle", DEGREES * cloud.scan_angle, "°")
+    entries += _scaled("Time", cloud.time, "s")
+    return entries + _scaled("Intensity", 10.0 * np.log10(np.maximum(cloud.intensity, 1e-20)), "dB")
 
 
 def legend_of_heard(heard: Contributions) -> list[Entry]:
@@ -89,12 +89,12 @@ def legend_of_heard(heard: Contributions) -> list[Entry]:
     if not len(heard):
         return []
     quiet = 20.0 * np.log10(QUIETEST)
-    found = [
+    entries = [
         Entry("Loudness", f"{quiet * (1.0 - share) + 0.0:.0f} dB", tuple(on_map(USUAL_MAP, share)))
         for share in (1.0, 0.5, 0.0)
     ]
-    found += _scaled("Delay", 1e3 * heard.delay, "ms")
-    return found + _scaled("Distance", heard.distance, "m")
+    entries += _scaled("Delay", 1e3 * heard.delay, "ms")
+    return entries + _scaled("Distance", heard.distance, "m")
 
 
 def _named(
@@ -107,8 +107,8 @@ def _named(
     known: dict[str, int] = {}
     for number in (int(n) for n in order if 0 <= n < len(names) and names[n]):
         known.setdefault(names[number], number)
-    found = list(known.items())[:MOST]
-    return [Entry(choice, name, colour_of(number)) for name, number in found]
+    most_frequent = list(known.items())[:MOST]
+    return [Entry(choice, name, colour_of(number)) for name, number in most_frequent]
 
 
 def _scaled(choice: str, values: np.ndarray, unit: str) -> list[Entry]:
@@ -220,39 +220,39 @@ def _show(
     group : the nodes of a new one. colour_by : what its menu says at first, if not the group's default.
     """
     data.update()
-    thing = _standing(home, name)
-    if thing is not None:
-        _hand_over(thing, data)
-        return thing
-    thing = make_object(f"{name} points", data, home)
-    thing[CLOUD_KEY] = name
+    obj = _standing(home, name)
+    if obj is not None:
+        _hand_over(obj, data)
+        return obj
+    obj = make_object(f"{name} points", data, home)
+    obj[CLOUD_KEY] = name
     data.materials.append(points_material())
-    modifier = thing.modifiers.new("Points", "NODES")
+    modifier = obj.modifiers.new("Points", "NODES")
     modifier.node_group = group()
     if colour_by:
         choose_input(modifier, COLOUR_BY, colour_by)
-    thing.hide_render = True
-    return thing
+    obj.hide_render = True
+    return obj
 
 
-def end_with_ground(thing: bpy.types.Object, scene: bpy.types.Scene) -> int:
+def end_with_ground(obj: bpy.types.Object, scene: bpy.types.Scene) -> int:
     """Have views show the points over the ground that they show; returns how many lie beyond that."""
-    modifier = next((m for m in thing.modifiers if has_input(m, FAR_POINTS)), None)
+    modifier = next((m for m in obj.modifiers if has_input(m, FAR_POINTS)), None)
     if modifier is None:  # of an older file, or taken away
         return 0
     corners = shown_corners(scene) or ((-FARTHEST, -FARTHEST), (FARTHEST, FARTHEST))
     for name, corner, height in zip((LOW, HIGH), corners, (-FARTHEST, FARTHEST), strict=True):
         set_input(modifier, name, (*corner, height))
-    flat = read(thing.data, "position", "FLOAT_VECTOR")[:, :2]
+    flat = read(obj.data, "position", "FLOAT_VECTOR")[:, :2]
     low, high = np.array(corners, np.float32)
     return int(np.count_nonzero(((flat < low) | (flat > high)).any(axis=1)))
 
 
-def rename_cloud(thing: bpy.types.Object, name: str) -> None:
+def rename_cloud(obj: bpy.types.Object, name: str) -> None:
     """Have an object of points belong to a sensor of this name, and be called so unless the user named it."""
-    thing[CLOUD_KEY] = name
-    if is_ours(thing):
-        settle(thing, f"{name} points")
+    obj[CLOUD_KEY] = name
+    if is_ours(obj):
+        settle(obj, f"{name} points")
 
 
 def _standing(home: bpy.types.Collection, name: str) -> bpy.types.Object | None:
@@ -262,24 +262,24 @@ def _standing(home: bpy.types.Collection, name: str) -> bpy.types.Object | None:
     scenes = {
         s for s in bpy.data.scenes if home in (s.collection, *s.collection.children_recursive)
     }
-    elsewhere = (thing for thing in bpy.data.objects if scenes & set(thing.users_scene))
+    elsewhere = (obj for obj in bpy.data.objects if scenes & set(obj.users_scene))
     ours = (t for t in (*home.objects, *elsewhere) if t.get(CLOUD_KEY) == name)
     return next((t for t in ours if is_ours(t) and t.type == "MESH" and t.mode == "OBJECT"), None)
 
 
-def _hand_over(thing: bpy.types.Object, data: bpy.types.Mesh) -> None:
+def _hand_over(obj: bpy.types.Object, data: bpy.types.Mesh) -> None:
     """Give an object other points: the mesh takes the place of its old one everywhere, in its clothes.
 
     One that is kept for its frame is not replaced: only this object shows other points.
     """
-    old = thing.data
+    old = obj.data
     for material in old.materials:
         data.materials.append(material)
     for key, value in old.items():
         if key != FRAME_KEY:
             data[key] = value
     if FRAME_KEY in old:
-        thing.data = own(data)
+        obj.data = own(data)
         return
     name = old.name
     old.user_remap(data)

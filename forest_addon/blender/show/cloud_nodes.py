@@ -62,7 +62,7 @@ def heard_group() -> bpy.types.NodeTree:
 
 
 def title_of(name: str) -> str:
-    """Return what the menu calls an attribute."""
+    """Name of an attribute in the menu."""
     return name.replace("_", " ").title()
 
 
@@ -159,7 +159,7 @@ def _colour(graph: Graph, first: str, numbers: Sequence[str], measures: Sequence
 
 
 def _shown(graph: Graph) -> Value:
-    """Return which points are shown: a share of them, within a range of heights, over the ground."""
+    """Points that are shown: a share of them, within a range of heights, over the ground."""
     given, place = graph.given, graph.value("InputPosition", label="Where it is")
     chance = graph.value("RandomValue", given[SHARE], data_type="BOOLEAN", label="A share of all")
     height = graph.axis(place, "Z")
@@ -202,7 +202,7 @@ def _picked(graph: Graph, number: Value, values: Sequence[Value]) -> Value:
 
 
 def _measure(graph: Graph, name: str) -> Value:
-    """Return what an attribute says; intensities by their logarithm."""
+    """Values of an attribute; intensities by their logarithm."""
     if name == "height":
         return graph.axis(graph.value("InputPosition", label="Where it is"), "Z")
     value = graph.named(name)

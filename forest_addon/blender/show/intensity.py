@@ -30,32 +30,32 @@ LEAST = 1e-3  # m, the narrowest hill that a handle makes
 
 def new_handle(name: str, home: bpy.types.Collection, height: float) -> bpy.types.Object:
     """A new handle in a collection, at a height, not yet placed."""
-    thing = bpy.data.objects.new(name, None)
-    thing.empty_display_type = "SPHERE"  # seen from above; Blender's circle stands upright
-    thing.empty_display_size = 1.0
-    thing.show_in_front = thing.show_name = True
-    thing.location.z, thing.scale.z = height, FLAT
-    thing.lock_location[2] = thing.lock_scale[2] = True
-    thing.lock_rotation = (True, True, True)
-    home.objects.link(thing)
-    sign(thing)
-    return thing
+    obj = bpy.data.objects.new(name, None)
+    obj.empty_display_type = "SPHERE"  # seen from above; Blender's circle stands upright
+    obj.empty_display_size = 1.0
+    obj.show_in_front = obj.show_name = True
+    obj.location.z, obj.scale.z = height, FLAT
+    obj.lock_location[2] = obj.lock_scale[2] = True
+    obj.lock_rotation = (True, True, True)
+    home.objects.link(obj)
+    sign(obj)
+    return obj
 
 
-def sign(thing: bpy.types.Object) -> None:
+def sign(obj: bpy.types.Object) -> None:
     """Note that this object is a handle, under the name it has now."""
-    if thing.get(HANDLE_KEY) != thing.name:
-        thing[HANDLE_KEY] = thing.name
+    if obj.get(HANDLE_KEY) != obj.name:
+        obj[HANDLE_KEY] = obj.name
 
 
-def place(thing: bpy.types.Object, centre: tuple[float, ...], width: tuple[float, ...]) -> None:
+def place(obj: bpy.types.Object, centre: tuple[float, ...], width: tuple[float, ...]) -> None:
     """Move and scale a handle to where a hill is, centre (2,) and width (2,) in metres."""
-    if thing.parent is None:
-        thing.location[:2], thing.scale[:2] = centre, width
+    if obj.parent is None:
+        obj.location[:2], obj.scale[:2] = centre, width
         return
-    was = thing.matrix_world
+    was = obj.matrix_world
     where = Vector((*centre, was.translation.z))
-    thing.matrix_world = Matrix.LocRotScale(where, None, Vector((*width, was.to_scale().z)))
+    obj.matrix_world = Matrix.LocRotScale(where, None, Vector((*width, was.to_scale().z)))
 
 
 def shape_of(matrix: Matrix) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -79,32 +79,32 @@ def new_canvas(name: str, home: bpy.types.Collection) -> bpy.types.Object:
     quads = np.stack([corner, corner + CELLS + 1, corner + CELLS + 2, corner + 1], axis=1)
     data = bpy.data.meshes.new(name)
     data.from_pydata(np.column_stack([x, y, 0 * x]).tolist(), [], quads.tolist())
-    thing = bpy.data.objects.new(name, data)
-    thing[CANVAS_KEY] = thing[IGNORED_KEY] = True
-    thing.hide_render = True
-    home.objects.link(thing)
-    return thing
+    obj = bpy.data.objects.new(name, data)
+    obj[CANVAS_KEY] = obj[IGNORED_KEY] = True
+    obj.hide_render = True
+    home.objects.link(obj)
+    return obj
 
 
-def lay(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> None:
+def lay(obj: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> None:
     """Stretch a canvas over the field, at the terrain's height; where that has none, at its base."""
-    thing.matrix_world = Matrix()
-    flat = places_of(thing.data)[:, :2]
+    obj.matrix_world = Matrix()
+    flat = places_of(obj.data)[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
     places = np.array(field.origin) + (flat - low) / (high - low) * np.array(field.size)
     height = terrain.height(places)
     height = np.where(np.isfinite(height), height, field.terrain.base) + LIFT
-    write(thing.data, "position", np.column_stack([places, height]), "FLOAT_VECTOR")
-    thing.data.update()
+    write(obj.data, "position", np.column_stack([places, height]), "FLOAT_VECTOR")
+    obj.data.update()
 
 
-def show_canvas(thing: bpy.types.Object, painted: bool) -> None:
+def show_canvas(obj: bpy.types.Object, painted: bool) -> None:
     """Show a canvas before the trees that stand on it, or leave only its outline in sight."""
-    thing.display_type, thing.show_in_front = "TEXTURED" if painted else "BOUNDS", painted
+    obj.display_type, obj.show_in_front = "TEXTURED" if painted else "BOUNDS", painted
 
 
-def layer_of(thing: bpy.types.Object, name: str) -> bpy.types.VertexGroup:
+def layer_of(obj: bpy.types.Object, name: str) -> bpy.types.VertexGroup:
     """The layer of this name, made where it is missing, as the one that is painted."""
-    group = thing.vertex_groups.get(name) or thing.vertex_groups.new(name=name)
-    thing.vertex_groups.active = group
+    group = obj.vertex_groups.get(name) or obj.vertex_groups.new(name=name)
+    obj.vertex_groups.active = group
     return group

@@ -100,10 +100,10 @@ def lay_lawn(scene: bpy.types.Scene, height: float) -> None:
 
 def _lay(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.types.Object:
     """An object for pictures alone: views do not show it, sensors do not meet it."""
-    thing = bpy.data.objects.new(name, data)
-    thing[IGNORED_KEY] = thing.hide_viewport = thing.hide_select = True
-    home.objects.link(thing)
-    return thing
+    obj = bpy.data.objects.new(name, data)
+    obj[IGNORED_KEY] = obj.hide_viewport = obj.hide_select = True
+    home.objects.link(obj)
+    return obj
 
 
 def render(
@@ -150,19 +150,19 @@ def _tree_corners(scene: bpy.types.Scene) -> np.ndarray:
     """(P, 3) corners of the bounding boxes of all trees; a small field where there is none."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     corners = []
-    for thing in objects_in(part(scene, TREES)):
-        placed = read_points(thing.evaluated_get(depsgraph))
+    for obj in objects_in(part(scene, TREES)):
+        placed = read_points(obj.evaluated_get(depsgraph))
         for number, source in enumerate(placed.source):
             corners.append(_corners(placed.transform[placed.index == number], source))
         if not len(placed):
-            corners.append(_corners(np.array(thing.matrix_world)[None, :3], thing))
+            corners.append(_corners(np.array(obj.matrix_world)[None, :3], obj))
     bare = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
     return np.concatenate(corners) if corners else bare
 
 
-def _corners(transform: np.ndarray, thing: bpy.types.Object) -> np.ndarray:
+def _corners(transform: np.ndarray, obj: bpy.types.Object) -> np.ndarray:
     """(8 N, 3) corners of an object's bounding box where it stands N times (N, 3, 4)."""
-    box = np.column_stack([np.array(thing.bound_box), np.ones(8)])
+    box = np.column_stack([np.array(obj.bound_box), np.ones(8)])
     return np.asarray((transform @ box.T).transpose(0, 2, 1).reshape(-1, 3))
 
 
@@ -232,16 +232,16 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def _replace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+def _replace(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
     """Link an object into the scene in place of an earlier one of the same name."""
-    name = thing.data.name.split(".")[0]
+    name = obj.data.name.split(".")[0]
     old = scene.objects.get(name)
-    if old is not None and old is not thing:
+    if old is not None and old is not obj:
         data, home = old.data, bpy.data.cameras if old.type == "CAMERA" else bpy.data.lights
         bpy.data.objects.remove(old)
         home.remove(data)
-    thing.name = thing.data.name = name
-    scene.collection.objects.link(thing)
+    obj.name = obj.data.name = name
+    scene.collection.objects.link(obj)
 
 
 HORIZON = "Forest horizon"
@@ -262,9 +262,9 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
 
     middle : (2,) of the field, metres. reach : of the field and what stands on it. height : of its ground.
     """
-    for thing in [t for t in scene.objects if t.name.startswith(HORIZON)]:
-        data = thing.data
-        bpy.data.objects.remove(thing)
+    for obj in [t for t in scene.objects if t.name.startswith(HORIZON)]:
+        data = obj.data
+        bpy.data.objects.remove(obj)
         bpy.data.meshes.remove(data)
     for number, (beyond, high, jag) in enumerate(RINGS):
         data = bpy.data.meshes.new(HORIZON)
@@ -439,10 +439,10 @@ def grow_around(
         grows &= (rng.random(len(spots)) < thinned) & np.isfinite(ground)
         patches = _patches(plant)
         for number in np.flatnonzero(grows):
-            thing = _lay(home, NAME, patches[int(rng.integers(len(patches)))])
-            thing.location = (*spots[number], float(ground[number]) - 0.01)
-            thing.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
-            thing.scale = (float(rng.uniform(*plant.size)),) * 3
+            obj = _lay(home, NAME, patches[int(rng.integers(len(patches)))])
+            obj.location = (*spots[number], float(ground[number]) - 0.01)
+            obj.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
+            obj.scale = (float(rng.uniform(*plant.size)),) * 3
 
 
 def _waves(spots: np.ndarray, sort: int) -> np.ndarray:
@@ -570,10 +570,10 @@ def _hang(
     middle = (low[0] + top[0]) / 2
     above = tree.mesh.vertices * [1, 1, 0] + np.maximum(tree.mesh.vertices * [0, 0, 1], 0.0)
     mesh = _coated(species, replace(tree.mesh, vertices=above))  # without its sunk foot
-    thing = bpy.data.objects.new(species.name, mesh)
-    thing.scale = (size, size, size)
-    thing.location = (x - middle * size, 0.0, z)
-    scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new(species.name, mesh)
+    obj.scale = (size, size, size)
+    obj.location = (x - middle * size, 0.0, z)
+    scene.collection.objects.link(obj)
 
 
 def _coated(species: spec.Species, mesh: TriMesh) -> bpy.types.Mesh:
@@ -662,14 +662,14 @@ def _stand_behind(scene: bpy.types.Scene, mesh: bpy.types.Mesh, view: View) -> N
     turn = math.atan2(way[1], way[0]) + rng.uniform(-0.7, 0.7, BEHIND)
     far = np.sqrt(rng.uniform(NEAREST**2, FARTHEST**2, BEHIND))
     for angle, distance in zip(turn, far, strict=True):
-        thing = bpy.data.objects.new("Behind", mesh)
+        obj = bpy.data.objects.new("Behind", mesh)
         x, y = view.eye[:2] + distance * np.array([np.cos(angle), np.sin(angle)])
         if math.hypot(x, y) < 0.7 * NEAREST:
             continue
-        thing.location = (x, y, 0.0)
-        thing.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
-        thing.scale = (float(rng.uniform(0.85, 1.1)),) * 3
-        scene.collection.objects.link(thing)
+        obj.location = (x, y, 0.0)
+        obj.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
+        obj.scale = (float(rng.uniform(0.85, 1.1)),) * 3
+        scene.collection.objects.link(obj)
 
 
 def _fork(species: spec.Species, tree: Tree) -> View:

@@ -111,14 +111,14 @@ def _grained(
     """(R, 3) colours with the grain of bark and litter, moss and herbs where they lie level."""
     some = points[textured] * UPRIGHT
     grain = sum(0.5 * noise(some / size) for size in GRAIN)
-    found = colour.copy()
-    found[textured] *= (0.35 + 0.9 * grain)[:, None]
+    grained = colour.copy()
+    grained[textured] *= (0.35 + 0.9 * grain)[:, None]
     level = np.clip(4.0 * normal[textured, 2] - 3.0, 0.0, 1.0)
     green = level * np.clip(3.0 * noise(some / PATCHES) - 1.0, 0.0, 1.0)
-    found[textured] += (
-        0.7 * green[:, None] * ((0.6 + 0.8 * grain)[:, None] * MEADOW - found[textured])
+    grained[textured] += (
+        0.7 * green[:, None] * ((0.6 + 0.8 * grain)[:, None] * MEADOW - grained[textured])
     )
-    return found
+    return grained
 
 
 class _Light:

@@ -35,22 +35,22 @@ def show_flights(
 
     tracks : see ``flight.flying.Track``. flyer : moves along the only track, in place of a new object.
     """
-    old = [thing for thing in home.objects if FLIGHT_KEY in thing]
-    meshes = [thing.data for thing in old if thing.type == "MESH"]
-    bpy.data.batch_remove([thing for thing in old if thing is not flyer])
+    old = [obj for obj in home.objects if FLIGHT_KEY in obj]
+    meshes = [obj.data for obj in old if obj.type == "MESH"]
+    bpy.data.batch_remove([obj for obj in old if obj is not flyer])
     bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
     fps = bpy.context.scene.render.fps / bpy.context.scene.render.fps_base
     last, flyers = 1.0, []
     for number, track in enumerate(tracks):
         label = f"{name} {number:03d}" if len(tracks) > 1 else name
-        thing = flyer
-        if thing is None:
-            thing = bpy.data.objects.new(label, None)
-            thing.empty_display_type, thing.empty_display_size = "SINGLE_ARROW", 0.6
-            home.objects.link(thing)
-            thing[FLIGHT_KEY] = label
-        animate(thing, track, fps)
-        flyers.append(thing)
+        obj = flyer
+        if obj is None:
+            obj = bpy.data.objects.new(label, None)
+            obj.empty_display_type, obj.empty_display_size = "SINGLE_ARROW", 0.6
+            home.objects.link(obj)
+            obj[FLIGHT_KEY] = label
+        animate(obj, track, fps)
+        flyers.append(obj)
         if len(track.position) > 1:
             trail = bpy.data.objects.new(f"{label} trail", trail_mesh(f"{label} trail", track))
             trail[FLIGHT_KEY], trail[IGNORED_KEY] = label, True
@@ -60,16 +60,16 @@ def show_flights(
     return flyers
 
 
-def animate(thing: bpy.types.Object, track: Any, fps: float) -> None:
+def animate(obj: bpy.types.Object, track: Any, fps: float) -> None:
     """Key an object's place and heading along a flight; X looks ahead."""
-    thing.animation_data_clear()
-    thing.rotation_mode = "XYZ"
+    obj.animation_data_clear()
+    obj.rotation_mode = "XYZ"
     heading = np.unwrap(track.heading)
     for number, (place, turn) in enumerate(zip(track.position, heading, strict=True)):
         frame = 1 + number * track.step * fps
-        thing.location, thing.rotation_euler = place, (0.0, 0.0, turn)
-        thing.keyframe_insert("location", frame=frame)
-        thing.keyframe_insert("rotation_euler", index=2, frame=frame)
+        obj.location, obj.rotation_euler = place, (0.0, 0.0, turn)
+        obj.keyframe_insert("location", frame=frame)
+        obj.keyframe_insert("rotation_euler", index=2, frame=frame)
 
 
 def trail_mesh(name: str, track: Any) -> bpy.types.Mesh:

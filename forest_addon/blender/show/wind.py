@@ -109,13 +109,13 @@ def amplitudes_of(
 ) -> dict[int, np.ndarray]:
     """Compute the amplitudes (count, M) of each tree that sways at that many knots, by its row; touches no
     Blender."""
-    rows, knot, found = sorted(sway.number.values()), np.arange(count), {}
+    rows, knot, computed = sorted(sway.number.values()), np.arange(count), {}
     for done, row in enumerate(rows):
         if tell:
             tell(done, len(rows))
         if sway.rig(row) is not None:
-            found[row] = sway.amplitudes(row, knot).astype(np.float32)
-    return found
+            computed[row] = sway.amplitudes(row, knot).astype(np.float32)
+    return computed
 
 
 def table_of(
@@ -182,8 +182,8 @@ def show_on_points(
 ) -> WindShown:
     """Let the trees of an instancer sway. clock : inputs of modifiers that say when. top : where what is made
     for that goes. key : mark of the modifier."""
-    thing, number = instancer.id_data, sway.number
-    tree, kind = (read(thing.data, name, "INT", missing=-1) for name in (TREE_KEY, VARIANT))
+    obj, number = instancer.id_data, sway.number
+    tree, kind = (read(obj.data, name, "INT", missing=-1) for name in (TREE_KEY, VARIANT))
     row_of = [number.get(one, -1) for one in tree.tolist()]
     moving = [k for k, row in enumerate(row_of) if row in amplitudes]
     rows, count = [row_of[k] for k in moving], int(clock[LAST]) + 2
@@ -202,16 +202,16 @@ def show_on_points(
             mesh = mesh if len(mesh.triangles) else sway.rest(row)
             begin = len(home.objects)
             maps.append(pieces_of(sway, row, mesh, _coats(scene, block, one), home))
-            mine = np.array(moving)[kind[moving] == one]
-            told[names[0]][mine], told[names[1]][mine] = begin, len(home.objects) - begin
+            selected = np.array(moving)[kind[moving] == one]
+            told[names[0]][selected], told[names[1]][selected] = begin, len(home.objects) - begin
         all_maps = np.concatenate(maps) if maps else np.zeros((0, 12, 3, 4))
         given[f"{PIECES} {what}"] = make_object(
             f"Wind Pieces {what}", pieces_mesh(all_maps, {}), top
         )
         given[f"{SHAPES} {what}"] = home
     for name, values in told.items():
-        write(thing.data, name, values, "INT")
-    modifier = thing.modifiers.new(key, "NODES")
+        write(obj.data, name, values, "INT")
+    modifier = obj.modifiers.new(key, "NODES")
     modifier.node_group = marked(MANY_KEY, key) or _many(key)
     for name, value in (given | clock).items():
         set_input(modifier, name, value)
@@ -249,7 +249,7 @@ def show_wind(
     ValueError : see ``knots_of``.
     """
     count = knots_of(scene, knots)
-    instancer, found = _trees(scene)
+    instancer, trees = _trees(scene)
     rate = scene.render.fps / scene.render.fps_base
     if amplitudes is None or any(len(one) != count for one in amplitudes.values()):
         amplitudes = amplitudes_of(sway, count)
@@ -261,24 +261,24 @@ def show_wind(
         if instancer is not None:
             made = show_on_points(scene, instancer, sway, amplitudes, clock, top, HOME)
         else:
-            made = _show_on_objects(found, sway, amplitudes, clock, top)
+            made = _show_on_objects(trees, sway, amplitudes, clock, top)
     return replace(made, seconds=(scene.frame_end - scene.frame_start) / rate)
 
 
 def knots_of(scene: bpy.types.Scene, knots: int) -> int:
-    """Return how many knots of time a scene's range of frames needs; knots : a second.
+    """Number of knots in time that a scene's range of frames needs; knots : a second.
 
     Raises
     ------
     ValueError : there are none or too many trees, or the range of frames is too long.
     """
-    instancer, found = _trees(scene)
+    instancer, trees = _trees(scene)
     points = 0 if instancer is None else len(instancer.id_data.data.vertices)
-    if not found and not points:
+    if not trees and not points:
         raise ValueError("no trees stand here: grow a forest first")
-    if len(found) > MOST:
+    if len(trees) > MOST:
         raise ValueError(
-            f"wind is shown on at most {MOST:,} trees that are objects, and here are {len(found):,}: set "
+            f"wind is shown on at most {MOST:,} trees that are objects, and here are {len(trees):,}: set "
             "Instancing to Points and grow the forest"
         )
     if points > MOST_POINTS:
@@ -308,19 +308,19 @@ def _show_on_objects(
     top: bpy.types.Collection,
 ) -> WindShown:
     """Let trees sway that are objects."""
-    rows = [sway.number.get(int(thing[TREE_KEY]), -1) for thing in found]
-    moving = [(thing, row) for thing, row in zip(found, rows, strict=True) if row in amplitudes]
+    rows = [sway.number.get(int(obj[TREE_KEY]), -1) for obj in found]
+    moving = [(obj, row) for obj, row in zip(found, rows, strict=True) if row in amplitudes]
     count = int(clock[LAST]) + 2
     table = table_of(amplitudes, [row for _, row in moving], count)
     given = {TABLE: make_object("Wind Table", table, top)}
     kinds: dict[tuple[str, tuple[int, int]], tuple[bpy.types.Collection, np.ndarray]] = {}
     shapes: list[bpy.types.Collection] = []
     maps: list[np.ndarray] = []
-    for thing, row in moving:
-        key = thing.data.name, sway.variant(row)
+    for obj, row in moving:
+        key = obj.data.name, sway.variant(row)
         if key not in kinds:
             home = make_collection(f"Wind {'.'.join(map(str, key[1]))}", top)
-            made = pieces_of(sway, row, sway.rest(row), list(thing.data.materials), home)
+            made = pieces_of(sway, row, sway.rest(row), list(obj.data.materials), home)
             kinds[key] = home, made
         shapes.append(kinds[key][0])
         maps.append(kinds[key][1])
@@ -334,8 +334,8 @@ def _show_on_objects(
     modifier.node_group = marked(WIND_KEY, True) or _moving()
     for name, value in (given | clock).items():
         set_input(modifier, name, value)
-    for place, (thing, _) in enumerate(moving):
-        modifier = thing.modifiers.new(HOME, "NODES")
+    for place, (obj, _) in enumerate(moving):
+        modifier = obj.modifiers.new(HOME, "NODES")
         # The file's group that shows a tree's pieces, made where there is none; key : its mark, as a view's
         groups = (g for g in bpy.data.node_groups if g.get(VIEW_KEY) == HOME and MANY_KEY not in g)
         modifier.node_group = next(groups, None) or _showing(HOME)
@@ -346,19 +346,19 @@ def _show_on_objects(
 
 def hide_wind(scene: bpy.types.Scene) -> None:
     """Let trees stand at rest again; what was made to show wind goes."""
-    for thing in scene.objects:
-        for modifier in [m for m in thing.modifiers if is_wind(m)]:
-            thing.modifiers.remove(modifier)
-            if thing.get(ROLE_KEY) == POINTS_ROLE:
+    for obj in scene.objects:
+        for modifier in [m for m in obj.modifiers if is_wind(m)]:
+            obj.modifiers.remove(modifier)
+            if obj.get(ROLE_KEY) == POINTS_ROLE:
                 for name in OWN:
-                    attribute = thing.data.attributes.get(name)
+                    attribute = obj.data.attributes.get(name)
                     if attribute is not None:
-                        thing.data.attributes.remove(attribute)
+                        obj.data.attributes.remove(attribute)
     top = _home(scene)
     if top is None:
         return
     things = objects_in(top)
-    data = {thing.data for thing in things}
+    data = {obj.data for obj in things}
     homes = [*top.children, top]
     bpy.data.batch_remove(things)
     bpy.data.batch_remove(list(data))
@@ -411,8 +411,8 @@ def _showing(key: str) -> bpy.types.NodeTree:
     graph = Graph.group("Forest Sensing Swaying Tree", told, SHOWING, OUT)
     graph.tree[VIEW_KEY] = key
     how = {"data_type": "INT", "operation": "EQUAL"}
-    mine = graph.value("Compare", graph.named(TREE, "INT"), graph.given[NUMBER], **how)
-    own = graph.value("SeparateGeometry", graph.geometry_of(PIECES), mine, domain="POINT")
+    selected = graph.value("Compare", graph.named(TREE, "INT"), graph.given[NUMBER], **how)
+    own = graph.value("SeparateGeometry", graph.geometry_of(PIECES), selected, domain="POINT")
     return graph.finish(_placed(graph, own, graph.library(SHAPES), (MAP,)))
 
 
@@ -505,11 +505,11 @@ def _amplitudes(graph: Graph) -> list[Value]:
     share = graph.math("SUBTRACT", knot, below)
     row = graph.math("ADD", below, graph.named(KNOTS, "INT"))
     rows, table = (row, graph.math("ADD", row, 1.0)), graph.geometry_of(TABLE)
-    found = []
+    mixed = []
     for first in range(0, MODES, 3):
         ends = (_sampled(graph, table, amplitude_name(first), row) for row in rows)
-        found.append(graph.value("Mix", share, *ends, data_type="VECTOR", clamp_factor=True))
-    return found
+        mixed.append(graph.value("Mix", share, *ends, data_type="VECTOR", clamp_factor=True))
+    return mixed
 
 
 def _piece_map(graph: Graph, amplitudes: list[Value], basis: Callable[[int, int], Value]) -> Value:

@@ -145,16 +145,18 @@ def digitiser_of(
     owners: tuple[Element, ...], before: Digitiser, pulse_ns: float, path: Path
 ) -> Digitiser:
     """Read the settings of the waveform that owners state, the last one last, over those before."""
-    found = before
+    digitiser = before
     for said in (said for owner in owners for said in owner.findall(WAVEFORM)[:1]):
-        window = pulse_ns / 4 if before == Digitiser() else found.window_ns
-        found = Digitiser(
-            rings=int(number(said, "beamSampleQuality", path, found.rings)),
-            bin_ns=number(said, "binSize_ns", path, found.bin_ns),
+        window = pulse_ns / 4 if before == Digitiser() else digitiser.window_ns
+        digitiser = Digitiser(
+            rings=int(number(said, "beamSampleQuality", path, digitiser.rings)),
+            bin_ns=number(said, "binSize_ns", path, digitiser.bin_ns),
             window_ns=number(said, "winSize_ns", path, window),
         )
-    if not (1 <= found.rings <= 50 and found.bin_ns > 0 and pulse_ns / found.bin_ns < 1e5):
+    if not (
+        1 <= digitiser.rings <= 50 and digitiser.bin_ns > 0 and pulse_ns / digitiser.bin_ns < 1e5
+    ):
         raise SpecError(
             str(path), "FWFSettings: beamSampleQuality is from 1 to 50, binSize_ns above 0"
         )
-    return found
+    return digitiser

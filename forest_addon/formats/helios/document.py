@@ -113,23 +113,23 @@ def strange_words(root: Element, path: Path) -> list[str]:
     ------
     SpecError : it holds an element that is not known.
     """
-    found: dict[str, None] = {}
+    sentences: dict[str, None] = {}
     for element in root.iter():
         tag = element.tag
         check_children(element, path)
         if tag in ATTRIBUTES:
             for name in sorted(element.attrib.keys() - ATTRIBUTES[tag]):
-                found[f'{_named(element)} says "{name}", which is not read'] = None
+                sentences[f'{_named(element)} says "{name}", which is not read'] = None
         elif tag in SETTINGS:
             for name in sorted(element.attrib.keys() & OLD_NAMES):
-                found[f'{tag} says "{name}", which is not read, nor by HELIOS++'] = None
+                sentences[f'{tag} says "{name}", which is not read, nor by HELIOS++'] = None
         kind = element.get("type", "").lower()
         if tag != "filter" or kind not in PARAMETERS:
             continue
         keys = {param.get("key", "") for param in element.findall("param")}
         for key in sorted(keys - PARAMETERS[kind]):
-            found[f'filter "{kind}" says "{key}", which is not read'] = None
-    return list(found)
+            sentences[f'filter "{kind}" says "{key}", which is not read'] = None
+    return list(sentences)
 
 
 def check_children(element: Element, path: Path) -> None:
@@ -186,11 +186,11 @@ def find_file(name: str, near: Path, assets: Path | None = None) -> Path:
     ------
     SpecError : there is none.
     """
-    found = next(filter(Path.is_file, _places(name, near, assets)), None)
-    if found is None:
+    file = next(filter(Path.is_file, _places(name, near, assets)), None)
+    if file is None:
         problem = f'names "{name}", which is in no folder above it; say where with --assets FOLDER'
         raise SpecError(str(near), problem)
-    return found
+    return file
 
 
 def find_files(pattern: str, near: Path, assets: Path | None = None) -> list[Path]:
@@ -212,9 +212,9 @@ def find_files(pattern: str, near: Path, assets: Path | None = None) -> list[Pat
     except re.error as problem:
         raise SpecError(str(near), f'efilepath = "{pattern}" is broken: {problem}') from None
     for place in filter(Path.is_dir, _places(folder, near, assets)):
-        found = [file for file in sorted(place.iterdir()) if matches(file.name)]
-        if found:
-            return found
+        files = [file for file in sorted(place.iterdir()) if matches(file.name)]
+        if files:
+            return files
     raise SpecError(str(near), f'efilepath = "{pattern}" matches no file in a folder above it')
 
 
@@ -253,10 +253,10 @@ def number(element: Element, key: str, where: Path, otherwise: float | None = No
     text = element.get(key)
     if text is None and otherwise is not None:
         return otherwise
-    found = _floats(text or "")
-    if found.shape != (1,) or not np.isfinite(found[0]):
+    numbers = _floats(text or "")
+    if numbers.shape != (1,) or not np.isfinite(numbers[0]):
         raise SpecError(str(where), f'{element.tag} {key} = "{text or ""}" is not a number')
-    return float(found[0])
+    return float(numbers[0])
 
 
 def _floats(text: str) -> np.ndarray:
@@ -279,10 +279,10 @@ def vector(text: str, where: Path) -> np.ndarray:
     ------
     SpecError : they are something else.
     """
-    found = _floats(text)
-    if found.shape != (3,) or not np.isfinite(found).all():
+    numbers = _floats(text)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise SpecError(str(where), f'"{text}" is not three numbers x;y;z')
-    return found
+    return numbers
 
 
 def place_of(element: Element | None, where: Path) -> np.ndarray:

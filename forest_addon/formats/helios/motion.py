@@ -108,11 +108,11 @@ def _step(motion: Element, origin: np.ndarray, where: Path) -> np.ndarray:
         return Rotation.from_rotvec(turn).as_matrix()
 
     def placed(turn: np.ndarray, move: np.ndarray) -> np.ndarray:
-        found = STILL.copy()
-        found[0, :3, :3], found[1, :3, 3] = turn, move
+        placed_parts = STILL.copy()
+        placed_parts[0, :3, :3], placed_parts[1, :3, 3] = turn, move
         if not yes(motion.get("selfMode"), False):
-            found[1, :3, :3], found[1, :3, 3] = turn, move + origin - turn @ origin
-        return found
+            placed_parts[1, :3, :3], placed_parts[1, :3, 3] = turn, move + origin - turn @ origin
+        return placed_parts
 
     if kind == "identity":
         return STILL

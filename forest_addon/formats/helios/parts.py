@@ -59,7 +59,7 @@ def read_materials(path: Path) -> dict[str, Material]:
     ------
     SpecError : no material, or a reflectance that is no number from 0 to 1.
     """
-    found: dict[str, Material] = {}
+    materials: dict[str, Material] = {}
     text = path.read_text("utf-8", "replace")
     for block in re.split(r"(?m)^[ \t]*newmtl[ \t]+(?=\S)", text)[1:]:
         name, *lines = block.splitlines()
@@ -72,10 +72,10 @@ def read_materials(path: Path) -> dict[str, Material]:
                 "0.45",
             )
         ground = yes(said.get("isGround"), False)
-        found[" ".join(name.split())] = Material(ground, reflectance, said.get("spectra", ""))
-    if not found:
+        materials[" ".join(name.split())] = Material(ground, reflectance, said.get("spectra", ""))
+    if not materials:
         raise SpecError(str(path), "holds no material (newmtl)")
-    return found
+    return materials
 
 
 @cache

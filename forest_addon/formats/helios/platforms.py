@@ -118,14 +118,14 @@ def read_tracks(
     angles = rows[:, 1:4] if spec == "CANONICAL" else -rows[:, 1:4]
     looks = all(leg.get("interpolationDomain") != "position" for leg in legs)
     track = SurveyTrack(rows[:, 0], rows[:, 4:], angles if looks else None)
-    found = []
+    tracks = []
     for leg in legs:
         start = number(leg, "tStart", path, float(track.time[0]))
         stop = number(leg, "tEnd", path, float(track.time[-1]))
         if not start < stop:
             raise SpecError(str(path), f"a leg from tStart = {start:g} to {stop:g} s has no time")
-        found.append((track.part(start, stop), start, stop))
-    return found
+        tracks.append((track.part(start, stop), start, stop))
+    return tracks
 
 
 @guarded("a table of a trajectory")

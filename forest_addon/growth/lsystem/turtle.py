@@ -288,9 +288,9 @@ def find_paths(opens: np.ndarray, closes: np.ndarray) -> tuple[np.ndarray, ...]:
     key = depth[by_depth] * (count + 1) + by_depth
     heads = np.flatnonzero(rank_opens)
     head = by_depth[heads]
-    found = np.searchsorted(key, (depth[head] - 1) * (count + 1) + head) - 1
-    outside = (found < 0) | (depth[by_depth[found]] != depth[head] - 1)
-    previous[heads] = np.where(outside, -1, by_depth[found])
+    opening = np.searchsorted(key, (depth[head] - 1) * (count + 1) + head) - 1
+    outside = (opening < 0) | (depth[by_depth[opening]] != depth[head] - 1)
+    previous[heads] = np.where(outside, -1, by_depth[opening])
 
     before, branch = np.empty((2, count), np.int64)
     before[by_depth], branch[by_depth] = previous, np.cumsum(rank_opens)

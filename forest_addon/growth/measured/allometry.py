@@ -144,15 +144,15 @@ def band(kind: Allometry, dbh: np.ndarray) -> np.ndarray:
 
 def measures(kind: Allometry, dbh: np.ndarray, z: np.ndarray) -> np.ndarray:
     """(N, 4) the measures of trees of these diameters (N,) with normal scores (N, 4)."""
-    found = np.empty(z.shape)
+    measured = np.empty(z.shape)
     for column, name in enumerate(MEASURES):
         law: Law = getattr(kind, name)
         score = z[:, column]
-        found[:, column] = np.exp(
+        measured[:, column] = np.exp(
             middle(law, dbh) + np.where(score < 0, -law.low, law.high) * score / Z90
         )
-    found[:, 2] *= found[:, 0] / (1 + found[:, 2])
-    return found
+    measured[:, 2] *= measured[:, 0] / (1 + measured[:, 2])
+    return measured
 
 
 def scores(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -161,7 +161,7 @@ def scores(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
     The crown's base needs a height; where that is not given either, the law's counts.
     """
     height = np.where(np.isfinite(given[:, 0]), given[:, 0], np.exp(middle(kind.height, dbh)))
-    found = np.full(given.shape, np.nan)
+    normal_scores = np.full(given.shape, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         for column, name in enumerate(MEASURES):
             law: Law = getattr(kind, name)
@@ -169,10 +169,10 @@ def scores(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
             if name == "crown_base":
                 value = value / (height - value)
             residual = np.log(value) - middle(law, dbh)
-            found[:, column] = Z90 * np.where(
+            normal_scores[:, column] = Z90 * np.where(
                 residual < 0, -residual / law.low, residual / law.high
             )
-    return found
+    return normal_scores
 
 
 def draw_diameters(kind: Allometry, given: np.ndarray, uniform: np.ndarray) -> np.ndarray:
@@ -200,7 +200,7 @@ def _density(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
     if alone:  # a step of its score, not of its height
         sides[0] = 1.0
     each, rows = dbh.ravel(), np.repeat(given, dbh.shape[1], axis=0)
-    found = []
+    densities = []
     for height in HEIGHTS if alone else (0.0,):
         if alone:
             rows[:, 0] = measures(kind, each, np.tile([height, 0, 0, 0], (len(each), 1)))[:, 0]
@@ -210,8 +210,8 @@ def _density(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
         log -= np.log(np.where(z < 0, *sides[told].T)).sum(axis=1)
         if told[2]:  # a step of the base, not of its odds
             log -= np.log1p(-np.minimum(rows[:, 2] / rows[:, 0], 1 - 1e-9))
-        found.append(np.nan_to_num(log, nan=-1e9).reshape(dbh.shape))
-    density = np.stack(found)
+        densities.append(np.nan_to_num(log, nan=-1e9).reshape(dbh.shape))
+    density = np.stack(densities)
     return np.asarray(np.exp(density - density.max(axis=(0, 2), keepdims=True)))
 
 
@@ -269,14 +269,14 @@ def draw(
         if stand is not None:
             drawn = own[free] * drawn + np.sqrt(1 - own[free] ** 2) * (root @ stand[free])
         z[np.ix_(rows, free)] = _cut(z[np.ix_(rows, told)] @ weight.T + drawn)
-    found = measures(kind, dbh, z)
-    share = found[:, 2] / found[:, 0]
-    found = np.where(known, given, found)
-    narrow = np.minimum(found[:, 1], WIDEST * found[:, 0])  # of a broken stem
-    found[:, 1] = np.where(known[:, 1], found[:, 1], narrow)
-    base = share * found[:, 0]  # of the height that the tree has
-    found[:, 2] = np.where(known[:, 2], given[:, 2], base)
-    return found
+    drawn_measures = measures(kind, dbh, z)
+    share = drawn_measures[:, 2] / drawn_measures[:, 0]
+    drawn_measures = np.where(known, given, drawn_measures)
+    narrow = np.minimum(drawn_measures[:, 1], WIDEST * drawn_measures[:, 0])  # of a broken stem
+    drawn_measures[:, 1] = np.where(known[:, 1], drawn_measures[:, 1], narrow)
+    base = share * drawn_measures[:, 0]  # of the height that the tree has
+    drawn_measures[:, 2] = np.where(known[:, 2], given[:, 2], base)
+    return drawn_measures
 
 
 def correlation_matrix(kind: Allometry) -> np.ndarray:
@@ -404,8 +404,8 @@ def _log(table: Mapping[str, np.ndarray], measure: str) -> np.ndarray:
         if measure == "leaf_area":
             stem = np.pi / 4 * table["dbh"] ** 2
             value = np.where(value <= MOST_LEAVES * stem, value, np.nan)
-        found = np.log(value)
-    return np.where(np.isfinite(found), found, np.nan)
+        logarithm = np.log(value)
+    return np.where(np.isfinite(logarithm), logarithm, np.nan)
 
 
 def _law(table: Mapping[str, np.ndarray], measure: str, rows: np.ndarray) -> Law | None:
@@ -541,12 +541,12 @@ def drawn(
                 where,
                 f"{name} is not given and no allometry tells it; name one of assets/allometry",
             )
-        found = given
+        completed = given
     else:
-        found = draw(kind, dbh, given, uniform, stand)
-    for row, told in zip(np.column_stack([dbh, found]), np.isfinite(given), strict=True):
+        completed = draw(kind, dbh, given, uniform, stand)
+    for row, told in zip(np.column_stack([dbh, completed]), np.isfinite(given), strict=True):
         refuse_contradictions(Wanted(*row), kind, where, told=bool(told.any()))
-    return np.column_stack([dbh, found])
+    return np.column_stack([dbh, completed])
 
 
 def draw_dbh(
@@ -617,10 +617,10 @@ def typical_tree(
         dbh = draw_diameters(kind, given, half[0, :1])
     if score is not None and kind is not None:
         height = given[:, :1] / np.exp(middle(kind.height, dbh))
-        found = measures(kind, dbh, np.array([[0.0, score[0], score[1], 0.0]]))
-        found[:, 2] *= np.where(np.isfinite(height[:, 0]), height[:, 0], 1.0)
+        medians = measures(kind, dbh, np.array([[0.0, score[0], score[1], 0.0]]))
+        medians[:, 2] *= np.where(np.isfinite(height[:, 0]), height[:, 0], 1.0)
         free = np.isnan(given) & np.array([[False, True, True, False]])
-        given = np.where(free, found, given)
+        given = np.where(free, medians, given)
     return Wanted(*drawn(kind, dbh, given, half, where)[0].tolist())
 
 

@@ -133,10 +133,10 @@ def colonise(
     for _ in range(MOST_ROUNDS):
         if not len(points) or not len(fresh):
             break
-        distance, found = cKDTree(fresh).query(points)
+        distance, nearest_new = cKDTree(fresh).query(points)
         nearer = distance < near
         near = np.where(nearer, distance, near)
-        owner = np.where(nearer, number[found], owner)
+        owner = np.where(nearer, number[nearest_new], owner)
         kept = near > kill
         points, near, owner = points[kept], near[kept], owner[kept]
         if not len(points):
@@ -620,16 +620,16 @@ def with_radii(skeleton: Skeleton, total: np.ndarray, crown: Crown, dbh: float) 
     high[parent[on]] = low[on]
     radius = np.stack([low, np.minimum(high, low)], axis=1)
     drawn = replace(skeleton, radius=radius)
-    found = dbh_of(drawn)
-    factor = dbh / found if found > 0 else dbh / (2 * float(radius.max()))
+    own_dbh = dbh_of(drawn)
+    factor = dbh / own_dbh if own_dbh > 0 else dbh / (2 * float(radius.max()))
     radius = np.maximum(radius * factor, crown.twig_radius)
     return replace(skeleton, radius=radius)
 
 
 def scaled_to(skeleton: Skeleton, dbh: float) -> Skeleton:
     """A skeleton whose radii are changed in proportion until the stem has this diameter at breast height."""
-    found = dbh_of(skeleton)
-    return replace(skeleton, radius=skeleton.radius * (dbh / found)) if found > 0 else skeleton
+    own_dbh = dbh_of(skeleton)
+    return replace(skeleton, radius=skeleton.radius * (dbh / own_dbh)) if own_dbh > 0 else skeleton
 
 
 PIECES = 4  # of a dead branch

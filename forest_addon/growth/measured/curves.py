@@ -165,8 +165,8 @@ def _fitted(skeleton: Skeleton, axes: Axes, joints: _Joints, end: np.ndarray) ->
     onward = axes.onward
     curves = Curves(start, end, np.empty_like(end), np.empty_like(end))
     for level in range(int(joints.level.max()) + 1):
-        mine = joints.level == level
-        heads = np.flatnonzero(mine & joints.head)
+        of_level = joints.level == level
+        heads = np.flatnonzero(of_level & joints.head)
         root = skeleton.parent[heads] < 0
         parent, share = np.maximum(skeleton.parent[heads], 0), joints.share[heads]
         foot = skeleton.start[heads]
@@ -175,9 +175,9 @@ def _fitted(skeleton: Skeleton, axes: Axes, joints: _Joints, end: np.ndarray) ->
             foot = curves.at(parent, share) + joints.aside[heads]
             along = curves.heading(parent, share)
         start[heads] = np.where(root[:, None], skeleton.start[heads], foot)
-        before = np.flatnonzero(mine & (onward >= 0))
+        before = np.flatnonzero(of_level & (onward >= 0))
         start[onward[before]] = end[before]
-        _set_tangents(skeleton, curves, np.flatnonzero(mine), heads, onward, along)
+        _set_tangents(skeleton, curves, np.flatnonzero(of_level), heads, onward, along)
     return curves
 
 
@@ -328,10 +328,10 @@ def _generations(
     by_depth = np.argsort(skeleton.generation, kind="stable")
     edges = np.flatnonzero(np.diff(skeleton.generation[by_depth], prepend=-1))
     for low, high in zip(edges, [*edges[1:], len(by_depth)], strict=True):
-        mine = by_depth[low:high]
-        mine = mine[skeleton.parent[mine] >= 0]
-        on = parent[first[mine]]
-        base[mine] = base[row[on]] + beyond[on] + 1
+        of_depth = by_depth[low:high]
+        of_depth = of_depth[skeleton.parent[of_depth] >= 0]
+        on = parent[first[of_depth]]
+        base[of_depth] = base[row[on]] + beyond[on] + 1
     return np.asarray(base[row] + beyond)
 
 

@@ -228,8 +228,8 @@ def _drawn_aside(p: np.ndarray, knots: np.ndarray, goals: np.ndarray, across: fl
 
 def _with_area(sites: LeafSites, blade: Blade, area: float) -> LeafSites:
     """Leaves resized by the little that their number leaves over."""
-    found = float(leaf_areas(sites, blade).sum())
-    size = np.sqrt(area / found) if found > 0 else 1.0
+    own_area = float(leaf_areas(sites, blade).sum())
+    size = np.sqrt(area / own_area) if own_area > 0 else 1.0
     return replace(sites, length=sites.length * size, width=sites.width * size)
 
 
@@ -297,8 +297,8 @@ def reshaped(parts: Parts, wanted: Wanted, key: int, where: str) -> tuple[Parts,
     else:
         missed.append("it bears no leaves, so leaf_area cannot be met")
     parts = _stretched(parts, wanted)
-    found = measures_of(parts)
-    for name, value in found.items():
+    measured = measures_of(parts)
+    for name, value in measured.items():
         target = getattr(wanted, name)
         if name == "dbh" and not value:
             missed.append("its stem does not pass 1.3 m, so dbh cannot be met")
@@ -339,14 +339,14 @@ def measures_of(parts: Parts) -> dict[str, float]:
 def _with_leaf_area(parts: Parts, area: float, key: int, where: str) -> Parts:
     """As many leaves as make a leaf area: some left out, or set again, turned about their feet."""
     leaves, foot = parts.leaves, parts.foot
-    found = np.pi * leaves.radius**2
+    areas = np.pi * leaves.radius**2
     have = len(leaves)
-    count = max(1, round(have * area / float(found.sum()))) if found.sum() > 0 else have
+    count = max(1, round(have * area / float(areas.sum()))) if areas.sum() > 0 else have
     _refuse_many(count, area, where)
     pick, again, own = _picked(have, count, key)
     angle = np.where(again, 2 * np.pi * keyed_uniform(own, "leaf turn"), 0.0)
     cos, sin = np.cos(angle), np.sin(angle)
-    total = float(found[pick].sum())
+    total = float(areas[pick].sum())
     size = np.sqrt(area / total) if total > 0 else 1.0
     rest, blades, of = leaves_apart(parts.mesh)
     row, of_vertex, moved = Runs.of(of, have).copy(pick)
@@ -380,16 +380,16 @@ def _stretched(parts: Parts, wanted: Wanted) -> Parts:
     parts = _moved(parts, lambda p: p * (wanted.height / height), wanted.height / height)
     across = down = up = 1.0
     for _ in range(ROUNDS):
-        found = measures_of(parts)
-        off = [abs(found[name] / getattr(wanted, name) - 1) for name in TARGETS[1:4]]
-        thick = wanted.dbh / found["dbh"] if found["dbh"] else 1.0
+        measured = measures_of(parts)
+        off = [abs(measured[name] / getattr(wanted, name) - 1) for name in TARGETS[1:4]]
+        thick = wanted.dbh / measured["dbh"] if measured["dbh"] else 1.0
         if max(off) < CLOSE / 10 and abs(thick - 1) < 1e-7:
             break
-        wide = wanted.crown_width / found["crown_width"] if found["crown_width"] else 1.0
+        wide = wanted.crown_width / measured["crown_width"] if measured["crown_width"] else 1.0
         wide = float(np.clip(wide * across, 1 / FARTHEST, FARTHEST)) / across
         top = float(parts.skeleton.end[:, 2].max())
-        goal = top + wanted.height - found["height"]
-        base = found["crown_base"]
+        goal = top + wanted.height - measured["height"]
+        base = measured["crown_base"]
         knots, goals = np.array([0.0, top]), np.array([0.0, goal])
         if 1e-3 < base < top - 1e-3 and wanted.crown_base < goal:
             low = float(np.clip(wanted.crown_base / base * down, 1 / FARTHEST, FARTHEST)) / down

@@ -288,16 +288,16 @@ def facings(sites: LeafSites, blade: Blade) -> np.ndarray:
     """(L, 3) unit normals of leaves: of a curved one the mean of its facets, which leans to its tip."""
     if not blade.curved:
         return sites.up
-    found = [_curved(sites, part, blade)[1] for part in _parts(len(sites))]
-    return np.concatenate(found) if found else sites.up
+    normals = [_curved(sites, part, blade)[1] for part in _parts(len(sites))]
+    return np.concatenate(normals) if normals else sites.up
 
 
 def leaf_areas(sites: LeafSites, blade: Blade) -> np.ndarray:
     """(L,) m² of one side of the leaves of ``lay``."""
     if not blade.by_facets:
         return np.asarray(blade.share * sites.length * sites.width)
-    found = [_facet_areas(sites, part, blade).sum(axis=1) for part in _parts(len(sites))]
-    return np.concatenate(found) if found else np.empty(0)
+    areas = [_facet_areas(sites, part, blade).sum(axis=1) for part in _parts(len(sites))]
+    return np.concatenate(areas) if areas else np.empty(0)
 
 
 def _facet_areas(sites: LeafSites, part: slice, blade: Blade) -> np.ndarray:
@@ -523,7 +523,7 @@ def _blade(half: Outline, ribs: np.ndarray, leaf: Leaf) -> Blade:
 def _between(edge: list[int], line: list[int], flat: np.ndarray) -> list[list[int]]:
     """Triangles between two lines of corners that start and end alike, the shorter diagonal first."""
     i = j = 0
-    found = []
+    triangles = []
     while i + 1 < len(edge) or j + 1 < len(line):
         on_edge = i + 1 < len(edge)
         if on_edge and j + 1 < len(line):
@@ -535,8 +535,8 @@ def _between(edge: list[int], line: list[int], flat: np.ndarray) -> list[list[in
         corners = [edge[i], edge[i + 1] if on_edge else line[j + 1], line[j]]
         i, j = (i + 1, j) if on_edge else (i, j + 1)
         if len(set(corners)) == 3:
-            found.append(corners)
-    return found
+            triangles.append(corners)
+    return triangles
 
 
 def _around(edge: list[int], line: list[int], flat: np.ndarray) -> list[list[int]]:

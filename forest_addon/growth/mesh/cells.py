@@ -165,11 +165,13 @@ def _shares(
         walls += more
         which += axis * more
         wall += high * more
-    mine = np.flatnonzero(walls == 1)  # there ``which`` is the axis, and ``wall`` the wall on it
-    a, b, c, source, which = a[mine], b[mine], c[mine], rows[mine], which[mine]
+    cut_once = np.flatnonzero(
+        walls == 1
+    )  # there ``which`` is the axis, and ``wall`` the wall on it
+    a, b, c, source, which = a[cut_once], b[cut_once], c[cut_once], rows[cut_once], which[cut_once]
     along = [place[which, corner] for corner in (a, b, c)]
     low = np.minimum(np.minimum(of_a[source], of_b[source]), of_c[source])
-    below = _share_below(along, wall[mine])
+    below = _share_below(along, wall[cut_once])
     yield low, source, below
     yield low + grid.strides[which], source, 1.0 - below
 

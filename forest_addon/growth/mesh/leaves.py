@@ -100,7 +100,7 @@ def measure_leaves(mesh: TriMesh, branch: np.ndarray | None = None) -> Leaves:
     normal = _unit(np.add.reduceat(vector * sign[:, None], first, axis=0), fallback=(0.0, 0.0, 1.0))
 
     axis, length, width = _extents(corners, run, first, centre, normal)
-    found = Leaves(
+    measured = Leaves(
         centre=centre,
         normal=normal,
         axis=axis,
@@ -109,7 +109,7 @@ def measure_leaves(mesh: TriMesh, branch: np.ndarray | None = None) -> Leaves:
         radius=np.sqrt(leaf_area / np.pi),
         branch=bearer,
     )
-    return found if len(first) == count else _with_gaps(found, leaf[first], count)
+    return measured if len(first) == count else _with_gaps(measured, leaf[first], count)
 
 
 def separate_leaves(mesh: TriMesh) -> TriMesh:

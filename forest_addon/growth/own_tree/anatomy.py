@@ -393,24 +393,28 @@ def hold(
     axis, _ = lines.at(bearer, stretch, held)
     borne = np.zeros(int(max(owner.max(initial=-1), bearer.max(initial=-1))) + 1, dtype=bool)
     borne[bearer] = True
-    mine = np.flatnonzero(borne[owner])
-    if not len(mine):
+    candidates = np.flatnonzero(borne[owner])
+    if not len(candidates):
         return point, np.zeros(len(point)), axis
-    corners, owner = vertices[triangles[mine]], owner[mine]
+    corners, owner = vertices[triangles[candidates]], owner[candidates]
     middles = (corners + np.roll(corners, 1, axis=1)) / 2
     samples = np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
     many = samples.shape[1]
     samples = np.column_stack([samples.reshape(-1, 3), APART * np.repeat(owner, many)])
     tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-    _, found = tree.query(np.column_stack([point, APART * bearer]), NEAREST)
-    found = np.minimum(found, many * len(owner) - 1) // many
+    _, nearest_triangles = tree.query(np.column_stack([point, APART * bearer]), NEAREST)
+    nearest_triangles = np.minimum(nearest_triangles, many * len(owner) - 1) // many
     row = np.repeat(np.arange(len(point)), NEAREST)
-    every = nearest_on_triangles(point[row], corners[found.ravel()])
+    every = nearest_on_triangles(point[row], corners[nearest_triangles.ravel()])
     gap = lengths(every - point[row]).reshape(-1, NEAREST)
-    gap[owner[found] != bearer[:, None]] = np.inf
+    gap[owner[nearest_triangles] != bearer[:, None]] = np.inf
     best = np.arange(len(point)), np.argmin(gap, axis=1)
-    bark, gap, mine = every.reshape(-1, NEAREST, 3)[best], gap[best], corners[found[best]]
-    normal = cross_rows(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
+    bark, gap, candidates = (
+        every.reshape(-1, NEAREST, 3)[best],
+        gap[best],
+        corners[nearest_triangles[best]],
+    )
+    normal = cross_rows(candidates[:, 1] - candidates[:, 0], candidates[:, 2] - candidates[:, 0])
     inside = np.einsum("ni,ni->n", point - bark, axis - bark) > 0  # towards the axis
     behind = np.einsum("ni,ni->n", point - bark, normal) < 0
     for k in np.flatnonzero((behind != inside) | (part != held)):
@@ -434,8 +438,8 @@ def _bridge(
     off = np.full(count, np.inf)
     of_triangle = owner[mesh.triangles[:, 0]]
     bearer, point = parent[owner[row]], mesh.place[row]
-    _, found, _ = hold(lines, bearer, point, mesh.place, mesh.triangles, of_triangle)
-    np.minimum.at(off, owner[row], found)
+    _, gap, _ = hold(lines, bearer, point, mesh.place, mesh.triangles, of_triangle)
+    np.minimum.at(off, owner[row], gap)
     stem = (parent < 0) & (np.arange(count) != trunk)
     np.minimum.at(off, owner[stem[owner]], mesh.place[stem[owner], 2])
     off = np.where(np.isfinite(off) & (off > OFF), off, 0.0)

@@ -264,7 +264,7 @@ def _end_radii(
 ) -> np.ndarray:
     """(C, 2) radius near both ends, leaving caps aside: the upper quartile there."""
     owner, thickness = pieces.piece_of_vertex, lengths(outward)
-    found = np.empty((pieces.count, 2))
+    radii = np.empty((pieces.count, 2))
     for end, at in enumerate((first[:-1], first[1:] - 1)):
         depth = along if end == 0 else -along
         depth = depth - np.minimum.reduceat(depth, Runs.of(owner, pieces.count).first)[owner]
@@ -272,9 +272,9 @@ def _end_radii(
         runs = Runs.of(owner[collar], pieces.count)
         order = collar[np.lexsort((thickness[collar], owner[collar]))]
         # no vertex near the end: a piece without extent, whose radius is not known
-        found[:, end], known = np.nan_to_num(radius[at]), runs.size > 0
-        found[known, end] = thickness[order[(runs.first + 3 * runs.size // 4)[known]]]
-    return found
+        radii[:, end], known = np.nan_to_num(radius[at]), runs.size > 0
+        radii[known, end] = thickness[order[(runs.first + 3 * runs.size // 4)[known]]]
+    return radii
 
 
 def _find_end(
@@ -298,8 +298,8 @@ def _find_end(
     row = np.flatnonzero(samples.of_vertices @ depth <= (REGION * near)[samples.piece])
     piece, weight = samples.piece[row], samples.weight[row]
     place = np.stack([samples.of_vertices[row] @ axis for axis in pieces.vertices.T], axis=1)
-    mine = np.flatnonzero(depth <= (REGION * near)[owner])
-    corner, of_corner = pieces.vertices[mine], owner[mine]
+    near_end = np.flatnonzero(depth <= (REGION * near)[owner])
+    corner, of_corner = pieces.vertices[near_end], owner[near_end]
     inwards = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), np.finfo(float).tiny)
     for _ in range(ROUNDS + 1):
         along = np.einsum("vi,vi->v", corner, inwards[of_corner])
@@ -325,7 +325,7 @@ def _find_end(
     foot[whole] += middle[whole]
     # a hook is not seen from farther in: there the corners that are known to be the end's tell
     known = _weighted(
-        corner, (depth[mine] <= SLAB * thick[of_corner]).astype(float), of_corner, count
+        corner, (depth[near_end] <= SLAB * thick[of_corner]).astype(float), of_corner, count
     )
     hook = np.linalg.norm(foot - known, axis=1) > HOOK * thick
     foot[hook], near = known[hook], np.where(hook, 0.0, near)
@@ -398,10 +398,10 @@ class Tubes:
 
     @classmethod
     def of(cls, lines: Centrelines, pieces: np.ndarray) -> Tubes:
-        mine = np.zeros(len(lines.first) - 1, dtype=bool)
-        mine[pieces] = True
-        owner = np.repeat(np.arange(len(mine)), np.diff(lines.first))
-        start = np.flatnonzero(mine[owner[:-1]] & (owner[:-1] == owner[1:]))
+        chosen = np.zeros(len(lines.first) - 1, dtype=bool)
+        chosen[pieces] = True
+        owner = np.repeat(np.arange(len(chosen)), np.diff(lines.first))
+        start = np.flatnonzero(chosen[owner[:-1]] & (owner[:-1] == owner[1:]))
         vector = lines.knot[start + 1] - lines.knot[start]
         length = np.linalg.norm(vector, axis=1)
         ends = np.stack([lines.radius[start], lines.radius[start + 1]], axis=1)

@@ -195,12 +195,12 @@ def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
     The chance is half the variance of the number on a node over its mean; where nodes bear one each,
     that of a renewal process, the squared coefficient of variation of the spacing.
     """
-    mine = np.flatnonzero(anatomy.order[slots.piece] == order)
-    parent = anatomy.parent[slots.piece[mine]]
+    of_order = np.flatnonzero(anatomy.order[slots.piece] == order)
+    parent = anatomy.parent[slots.piece[of_order]]
     _, first, size = np.unique(
-        np.stack([parent, slots.node[mine]]), axis=1, return_index=True, return_counts=True
+        np.stack([parent, slots.node[of_order]]), axis=1, return_index=True, return_counts=True
     )
-    gap = slots.after[mine][first]
+    gap = slots.after[of_order][first]
     same = np.diff(parent[first], append=-1) == 0
     pairs = np.flatnonzero(same[:-1] & same[1:])  # a gap and the next of the same parent
     if len(pairs) < 2:
@@ -212,7 +212,7 @@ def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
     uneven = float(np.diff(size)[same[:-1]].var() / 2 / size.mean())
     whorled = size.mean() > 1.5
     chance = (uneven if whorled else scatter**2) / 2
-    most = MOST_UNEVEN**2 * len(mine) / 2  # the number of all goes by sqrt(2 · chance · n)
+    most = MOST_UNEVEN**2 * len(of_order) / 2  # the number of all goes by sqrt(2 · chance · n)
     return min(chance, most, MOST_CHANCE), scatter
 
 
@@ -248,21 +248,21 @@ def _classes(anatomy: Anatomy, share: np.ndarray) -> np.ndarray:
 
 
 def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
-    mine = np.flatnonzero(anatomy.order == order)
-    parent = anatomy.parent[mine]
+    of_order = np.flatnonzero(anatomy.order == order)
+    parent = anatomy.parent[of_order]
     reach = anatomy.lines.reach()
     place = np.linspace(0.0, 1.0, PLACES)
-    d = share[mine] - place[:, None]  # weights (P, N) of a local linear regression
+    d = share[of_order] - place[:, None]  # weights (P, N) of a local linear regression
     weight = np.exp(-((d / KERNEL) ** 2) / 2) + 1e-9
     s0, s1, s2 = weight.sum(1), (weight * d).sum(1), (weight * d * d).sum(1)
     ridge = s2 + 0.05 * KERNEL**2 * s0  # where all lie on one side the slope is held back
     solved = weight * (ridge[:, None] - s1[:, None] * d)
     smooth = solved / (ridge * s0 - s1 * s1)[:, None]
-    length = np.log(np.maximum(reach[mine] / reach[parent], 1e-9))
-    means = smooth @ length, smooth @ anatomy.angle[mine]
+    length = np.log(np.maximum(reach[of_order] / reach[parent], 1e-9))
+    means = smooth @ length, smooth @ anatomy.angle[of_order]
     off = [
-        float((values - np.interp(share[mine], place, mean)).std())
-        for values, mean in zip((length, anatomy.angle[mine]), means, strict=True)
+        float((values - np.interp(share[of_order], place, mean)).std())
+        for values, mean in zip((length, anatomy.angle[of_order]), means, strict=True)
     ]
     return Table(
         share=place,

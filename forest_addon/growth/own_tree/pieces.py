@@ -324,9 +324,11 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     """Tell wood from leaves; the ground that they stand on is left out."""
     trees = _without_ground([group for group in groups if _kind_by_name(group) != "other"])
     if trees:
-        found = sort_out(trees)
-        words = f"{found.said}; " if found.said else ""
-        return replace(found, said=f"{words}a flat piece at the foot is the ground and left out")
+        sorted_trees = sort_out(trees)
+        words = f"{sorted_trees.said}; " if sorted_trees.said else ""
+        return replace(
+            sorted_trees, said=f"{words}a flat piece at the foot is the ground and left out"
+        )
     kinds = [_kind_by_name(group) for group in groups]
     named = {kind for kind in kinds if kind in ("wood", "leaves")}
     if named == {"wood", "leaves"} and all(kinds):
@@ -355,8 +357,8 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     if not leaf.any() or leaf.all():
         return Sorted(facets, None, "")
     shown = pieces.vertices[pieces.triangles]
-    mine = leaf[pieces.piece]
-    return Sorted(shown[~mine], shown[mine], "by shape")
+    is_leaf = leaf[pieces.piece]
+    return Sorted(shown[~is_leaf], shown[is_leaf], "by shape")
 
 
 def _without_ground(groups: Sequence[Group]) -> list[Group]:
@@ -437,13 +439,13 @@ def stood(parts: Sorted, up: str) -> Sorted:
 def _kind_by_name(group: Group) -> str:
     """Kind that the material's name says, or else the object's; empty where neither says."""
     for name in (group.material.lower(), group.name.lower()):
-        found = [
+        kinds = [
             kind
             for kind, words in (("leaves", LEAFY), ("wood", WOODY), ("other", OTHER))
             if any(word in name for word in words)
         ]
-        if found:
-            return found[0] if len(found) == 1 else ""
+        if kinds:
+            return kinds[0] if len(kinds) == 1 else ""
     return ""
 
 

@@ -225,7 +225,7 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
         )
     trunk = find_trunk(timber, lines, known.parent < 0)
     parent, branch, foot_end, gap = find_parents(lines, trunk, root(lines, trunk, known))
-    found = Recognition(
+    recognition = Recognition(
         wood=timber,
         lines=lines,
         trunk=trunk,
@@ -236,19 +236,19 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
         leaves=foliage,
         bearer=np.empty(0, dtype=np.int64),
     )
-    _check_one_tree(found)
-    doubts = _doubts_about_wood(found, together)
+    _check_one_tree(recognition)
+    doubts = _doubts_about_wood(recognition, together)
     if bare:
-        return replace(found, doubts=doubts)
+        return replace(recognition, doubts=doubts)
     if fronds:
-        return replace(found, bearer=1 + np.arange(foliage.count), doubts=doubts, fronds=True)
+        return replace(recognition, bearer=1 + np.arange(foliage.count), doubts=doubts, fronds=True)
     bearer, gap = find_bearers(lines, foliage)
     _check_leaves(foliage, gap, extent=float(np.ptp(timber.vertices, axis=0).max()))
     far = gap > FLOATING_LEAF * float(np.ptp(timber.vertices, axis=0).max())
     if far.any():
         sentence = f"{np.count_nonzero(far):,} leaves are far from all wood."
         doubts = (*doubts, Doubt(sentence, foliage.middles()[far]))
-    return replace(found, bearer=bearer, doubts=doubts)
+    return replace(recognition, bearer=bearer, doubts=doubts)
 
 
 def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarray]:
@@ -487,13 +487,13 @@ def _stems_apart(lines: Centrelines, trunk: int, free: np.ndarray) -> np.ndarray
     some = np.flatnonzero(apart)
     if not len(some):
         return some
-    found = find_contacts(lines, np.array([trunk]), ends[some, foot[some]])
+    contacts = find_contacts(lines, np.array([trunk]), ends[some, foot[some]])
     stands = low[some] <= low[trunk] + LEVEL * height + stout
     for row in np.flatnonzero(~stands):
         others, end = np.flatnonzero(rows != some[row]), ends[some[row], foot[some[row]]]
         gap = find_contacts(lines, others, end[None]).gap[0]
         stands[row] = gap > low[some[row]] - low[trunk]
-    away = (found.gap > radius[some, foot[some]]) & (found.gap <= BESIDE * height)
+    away = (contacts.gap > radius[some, foot[some]]) & (contacts.gap <= BESIDE * height)
     return some[stands & away]
 
 
@@ -564,14 +564,14 @@ def root(lines: Centrelines, trunk: int, known: Known) -> Known:
     width = rank.shape[1]
     rank = rank.reshape(len(free), 2 * width)
     best = np.argmin(rank, axis=1)
-    row, found = 2 * np.arange(len(free)) + best // width, best % width
+    row, holder = 2 * np.arange(len(free)) + best // width, best % width
     sure = np.isfinite(rank[np.arange(len(free)), best])
-    row, found, rooted = row[sure], found[sure], free[sure]
-    chosen = cone[row, found]
-    foot = tubes.start[chosen] + part[row, found][:, None] * tubes.vector[chosen]
+    row, holder, rooted = row[sure], holder[sure], free[sure]
+    chosen = cone[row, holder]
+    foot = tubes.start[chosen] + part[row, holder][:, None] * tubes.vector[chosen]
     parents, feet, thickness = known.parent.copy(), known.foot.copy(), known.radius.copy()
     parents[rooted], feet[rooted] = tubes.piece[chosen], foot
-    thickness[rooted] = radius[row, found]
+    thickness[rooted] = radius[row, holder]
     above = np.where(parents < 0, np.arange(count), parents)
     for _ in range(count.bit_length()):  # so far up that who is not at the top goes round
         above = above[above]

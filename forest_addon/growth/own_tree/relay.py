@@ -397,12 +397,12 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     lines = grown.lines
     foot = lines.knot[lines.first[:-1] + np.arange(len(grown.piece))]
     borne = np.flatnonzero(grown.parent >= 0)
-    found = seats_on(lines, grown.parent[borne], foot[borne])
+    seats = seats_on(lines, grown.parent[borne], foot[borne])
     stretch, part = np.zeros(len(foot), np.int64), np.zeros(len(foot))
-    stretch[borne], part[borne] = found.stretch, found.part
+    stretch[borne], part[borne] = seats.stretch, seats.part
     off = foot.copy()  # on the ground, in its frame
     off[borne] = np.stack(
-        [found.away * np.cos(found.aside), found.away * np.sin(found.aside), found.along], axis=1
+        [seats.away * np.cos(seats.aside), seats.away * np.sin(seats.aside), seats.along], axis=1
     )
     return stretch, part, off
 

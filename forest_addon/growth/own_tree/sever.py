@@ -597,9 +597,9 @@ def _find_roots(pieces: Pieces) -> np.ndarray:
     ranked = np.lexsort((slices.centre[ends, 2], ~stout, piece))
     root = np.zeros(len(slices.band), dtype=bool)
     root[ends[firsts(ranked, piece)]] = True
-    found = root[slices.of_vertex]
-    found[start[~np.isin(np.arange(count), owner[found])]] = True
-    return np.flatnonzero(found)
+    is_root = root[slices.of_vertex]
+    is_root[start[~np.isin(np.arange(count), owner[is_root])]] = True
+    return np.flatnonzero(is_root)
 
 
 def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes) -> np.ndarray:
@@ -726,8 +726,8 @@ def _ties(pieces: Pieces, lines: Centrelines, one: int, other: int) -> np.ndarra
         begin, after = np.searchsorted(pieces.piece_of_vertex, [piece, piece + 1])
         place = lines.ends()[piece, last]
         away = np.linalg.norm(pieces.vertices[begin:after] - place, axis=1)
-        mine = begin + np.flatnonzero(away <= TIED * lines.end_radius[piece, last])
-        rows.append(mine if len(mine) else begin + np.argsort(away)[:1])
+        corners = begin + np.flatnonzero(away <= TIED * lines.end_radius[piece, last])
+        rows.append(corners if len(corners) else begin + np.argsort(away)[:1])
     a, b = rows
     nearest = b[cKDTree(pieces.vertices[b]).query(pieces.vertices[a])[1]]
     return np.stack([a, nearest, nearest], axis=1)

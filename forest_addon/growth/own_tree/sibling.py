@@ -149,30 +149,30 @@ def _turned(
     if variety == 0:
         return azimuth + GOLDEN * (at - slots.node[row])
     for number in range(len(piece)):
-        mine = np.flatnonzero(owner == number)
+        of_trunk = np.flatnonzero(owner == number)
         run = slice(
             slots.of_piece.first[piece[number]],
             slots.of_piece.first[piece[number]] + slots.of_piece.size[piece[number]],
         )
         nodes, opens = np.unique(slots.node[run], return_index=True)
-        if len(nodes) < 2 or not len(mine):
+        if len(nodes) < 2 or not len(of_trunk):
             continue
         standing = anatomy.azimuth[slots.piece[run]][opens]  # of the first on each node
-        seen, place = np.unique(at[mine], return_inverse=True)  # (M,) nodes that stand
-        relative = azimuth[mine] - standing[slots.node[row[mine]]]
-        free, reach = ~slots.limb[row[mine]], anatomy.lines.reach()[slots.piece[row[mine]]]
+        seen, place = np.unique(at[of_trunk], return_inverse=True)  # (M,) nodes that stand
+        relative = azimuth[of_trunk] - standing[slots.node[row[of_trunk]]]
+        free, reach = ~slots.limb[row[of_trunk]], anatomy.lines.reach()[slots.piece[row[of_trunk]]]
         own = _lopsided(anatomy.azimuth[slots.piece[run]], anatomy.lines.reach()[slots.piece[run]])
         tries = child_keys(np.repeat(key[number : number + 1], TRIES), np.arange(TRIES))
-        least, chosen = np.inf, azimuth[mine]
+        least, chosen = np.inf, azimuth[of_trunk]
         for attempt in (int(key[number]), *tries.tolist()):
             turned = _turned_nodes(standing, seen, attempt, variety)[place.ravel()]
-            drawn = np.where(free, turned + relative, azimuth[mine])
+            drawn = np.where(free, turned + relative, azimuth[of_trunk])
             off = _lopsided(drawn, reach)
             if off < least:
                 least, chosen = off, drawn
             if off <= own + LOPSIDED:
                 break
-        azimuth[mine] = chosen
+        azimuth[of_trunk] = chosen
     return azimuth
 
 
@@ -227,8 +227,8 @@ def lay_trunks(
         slope = np.clip(zenith_of(plain[:, :, 2]) + calm * variety * LEAN * lean, 0.0, np.pi)
         frame = lay(other, first, start, slope)
         fits = open_ones & (_leans(frame, length, first) <= most)
-        mine = fits[owner]
-        chosen_bend[mine], chosen[mine] = other[mine], frame[mine]
+        fitting = fits[owner]
+        chosen_bend[fitting], chosen[fitting] = other[fitting], frame[fitting]
         open_ones &= ~fits
     return chosen_bend, chosen
 

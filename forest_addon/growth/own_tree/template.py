@@ -113,26 +113,26 @@ def split_tree(
     wood = checked_facets(wood, "wood")
     tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
     unit = height / tall if height > 0 and tall > 0 else 1.0
-    found = recognise(wood * unit, None if leaves is None else np.asarray(leaves) * unit)
-    timber = TriMesh.of_part(found.wood.vertices, turned_outwards(found), WOOD)
-    foliage = TriMesh.of_part(found.leaves.vertices, found.leaves.triangles, LEAF)
-    foliage.leaf[:], foliage.material[:] = found.leaves.piece, LEAF_SLOT
+    recognition = recognise(wood * unit, None if leaves is None else np.asarray(leaves) * unit)
+    timber = TriMesh.of_part(recognition.wood.vertices, turned_outwards(recognition), WOOD)
+    foliage = TriMesh.of_part(recognition.leaves.vertices, recognition.leaves.triangles, LEAF)
+    foliage.leaf[:], foliage.material[:] = recognition.leaves.piece, LEAF_SLOT
 
-    firsts, share, direction, stubs = _first_level(found)
+    firsts, share, direction, stubs = _first_level(recognition)
     branches = [
-        _cut(found, int(firsts[at]), timber, foliage, float(share[at]), direction[at])
+        _cut(recognition, int(firsts[at]), timber, foliage, float(share[at]), direction[at])
         for at in range(len(firsts))
     ]
-    trunk = timber.select(found.wood.piece == found.trunk)
+    trunk = timber.select(recognition.wood.piece == recognition.trunk)
     return TreeTemplate(
         branches=tuple(branches),
-        trunk=replace(trunk, vertices=trunk.vertices - found.foot[found.trunk]),
-        trunk_length=float(found.lines.length()[found.trunk]),
-        trunk_radius=float(found.radius[found.trunk]),
+        trunk=replace(trunk, vertices=trunk.vertices - recognition.foot[recognition.trunk]),
+        trunk_length=float(recognition.lines.length()[recognition.trunk]),
+        trunk_radius=float(recognition.radius[recognition.trunk]),
         unit=unit,
-        wood_components=found.wood.count,
-        leaf_count=found.leaves.count,
-        unattached_leaves=found.leaves.count - sum(len(branch.leaves) for branch in branches),
+        wood_components=recognition.wood.count,
+        leaf_count=recognition.leaves.count,
+        unattached_leaves=recognition.leaves.count - sum(len(branch.leaves) for branch in branches),
         stubs=stubs,
     )
 
@@ -371,16 +371,16 @@ def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray
     ------
     TemplateError : there is no trunk with branches in the wood.
     """
-    found = recognise(wood)
-    bears = np.zeros(len(found.parent), dtype=bool)
-    bears[found.parent[found.parent >= 0]] = True
-    bears[found.trunk] = True
+    recognition = recognise(wood)
+    bears = np.zeros(len(recognition.parent), dtype=bool)
+    bears[recognition.parent[recognition.parent >= 0]] = True
+    bears[recognition.trunk] = True
     share = np.linspace(BARE, 1.0, leaf.nodes)
     feet, headings, twigs = [], [], np.flatnonzero(~bears)
     for twig in twigs:
-        knots = slice(found.lines.first[twig], found.lines.first[twig + 1])
-        knot, along = found.lines.knot[knots], found.lines.along[knots]
-        backwards = found.foot_end[twig] == 1
+        knots = slice(recognition.lines.first[twig], recognition.lines.first[twig + 1])
+        knot, along = recognition.lines.knot[knots], recognition.lines.along[knots]
+        backwards = recognition.foot_end[twig] == 1
         place = along[-1] * (1.0 - share if backwards else share)
         feet.append(np.stack([np.interp(place, along, axis) for axis in knot.T], axis=1))
         step = np.diff(knot, axis=0)

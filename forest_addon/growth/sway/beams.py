@@ -307,8 +307,8 @@ def modes_of(
     load : (N, 6, 6) mass that nodes carry besides, as of ``point_masses``. count : how many modes.
     gravity : m/s². A tree that its own weight would buckle is taken as if it had none.
     """
-    found = _solved(members, wood, load, count, gravity)
-    return found or modes_of(members, wood, load, count, 0.0)
+    modes = _solved(members, wood, load, count, gravity)
+    return modes or modes_of(members, wood, load, count, 0.0)
 
 
 def _solved(
@@ -339,13 +339,13 @@ def standing_modes(members: Members, wood: GreenWood, load: np.ndarray, count: i
     light = modes_of(members, wood, load, 1, 0.0).frequency[0]
     gravity = GRAVITY
     while True:
-        found = _solved(members, wood, load, count, gravity)
-        if found is None:
+        modes = _solved(members, wood, load, count, gravity)
+        if modes is None:
             gravity *= 0.5
-        elif found.frequency[0] >= 0.999 * STEADY * light:
-            return found
+        elif modes.frequency[0] >= 0.999 * STEADY * light:
+            return modes
         else:  # stiffness falls ever faster with weight: less is taken at this gravity than in proportion
-            gravity *= (1 - STEADY**2) / (1 - (found.frequency[0] / light) ** 2)
+            gravity *= (1 - STEADY**2) / (1 - (modes.frequency[0] / light) ** 2)
 
 
 def matrices(

@@ -184,11 +184,13 @@ def seats_of(skeleton: Skeleton, leaves: Leaves) -> LeafSeats:
         return LeafSeats.none()
     half = 0.5 * leaves.length[:, None] * leaves.axis
     ends = np.stack([leaves.centre - half, leaves.centre + half])
-    found = [_nearest(skeleton, end) for end in ends]
-    second = found[1][1] < found[0][1]
+    nearest_by_end = [_nearest(skeleton, end) for end in ends]
+    second = nearest_by_end[1][1] < nearest_by_end[0][1]
     foot = np.where(second[:, None], ends[1], ends[0])
     axis = np.where(second[:, None], -leaves.axis, leaves.axis)
-    return LeafSeats(foot, axis, leaves.normal, np.where(second, found[1][0], found[0][0]))
+    return LeafSeats(
+        foot, axis, leaves.normal, np.where(second, nearest_by_end[1][0], nearest_by_end[0][0])
+    )
 
 
 def corner_leaves(mesh: TriMesh) -> np.ndarray:

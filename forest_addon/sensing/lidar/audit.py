@@ -298,19 +298,19 @@ def _lie_on_each_other(
     light = reflectance_of(exact.caster.scene, hits, organs(referee.scene, hits), scanner.surfaces)
     right = np.zeros(len(beam), dtype=bool)
     for row, one in enumerate(beam.tolist()):
-        mine = np.flatnonzero(of_beam == one)
+        contact = np.flatnonzero(of_beam == one)
         point, there = ours.returns, theirs.returns
-        named = (hits.instance[mine] == point.instance[row]) & (
-            hits.triangle[mine] == point.triangle[row]
+        named = (hits.instance[contact] == point.instance[row]) & (
+            hits.triangle[contact] == point.triangle[row]
         )
         as_there = (point.instance[row] == there.instance[row]) & (
             point.triangle[row] == there.triangle[row]
         )
-        if not len(mine) or not (named.any() or as_there):
+        if not len(contact) or not (named.any() or as_there):
             continue
-        far, ratio = referee.edge, light[mine].max() / max(light[mine].min(), 1e-300)
+        far, ratio = referee.edge, light[contact].max() / max(light[contact].min(), 1e-300)
         if ratio > 1:  # each ray of the beam may have met a bright one or a dark one
-            far += float(np.ptp(hits.distance[mine]))
+            far += float(np.ptp(hits.distance[contact]))
         ratio *= 1 + 4 * far / max(theirs.true_range[row], far)
         bright = ours.intensity[row] / max(theirs.intensity[row], 1e-300)
         right[row] = (

@@ -43,7 +43,7 @@ class Returns(RowTable):
 def label(
     scene: SceneGeometry, hits: Hits, directions: np.ndarray, normal: np.ndarray | None = None
 ) -> Returns:
-    """Return what hits are: organ, leaf, tree, species, and the angle of incidence of unit directions (R, 3).
+    """Labels of hits: organ, leaf, tree, species, and the angle of incidence of unit directions (R, 3).
 
     normal : (R, 3) normals of the triangles, where they are known already.
     """
@@ -83,10 +83,10 @@ def organs(scene: SceneGeometry, hits: Hits) -> np.ndarray:
 def _leaves(scene: SceneGeometry, hits: Hits) -> np.ndarray:
     """(R,) int32 leaf numbers of what was hit, -1 where it is no leaf."""
     values = np.full(len(hits.distance), -1, dtype=np.int32)
-    found = np.flatnonzero(hits.found)
-    mesh_of = scene.mesh_index[hits.instance[found]]
+    met = np.flatnonzero(hits.found)
+    mesh_of = scene.mesh_index[hits.instance[met]]
     for number in np.flatnonzero(np.bincount(mesh_of)):
-        rows = found[mesh_of == number]
+        rows = met[mesh_of == number]
         values[rows] = scene.meshes[number].leaf[hits.triangle[rows]]
     return values
 

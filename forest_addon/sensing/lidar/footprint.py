@@ -188,12 +188,12 @@ def blurred_patches(
         if np.ptp(distance[rows]) <= SHORT * sigma:
             continue
         for number in distinct(surface[rows]):
-            mine = rows[surface[rows] == number]
-            mine = mine[np.unique(ray[mine], return_index=True)[1]]
-            beams = distance[mine], *(way[line[mine]] for way in lines), normal[mine]
-            patch = _patches(ray[mine] % subrays, subrays, beams, sigma)
+            contacts = rows[surface[rows] == number]
+            contacts = contacts[np.unique(ray[contacts], return_index=True)[1]]
+            beams = distance[contacts], *(way[line[contacts]] for way in lines), normal[contacts]
+            patch = _patches(ray[contacts] % subrays, subrays, beams, sigma)
             for group in np.split(
-                mine[np.argsort(patch, kind="stable")], np.cumsum(np.bincount(patch))
+                contacts[np.argsort(patch, kind="stable")], np.cumsum(np.bincount(patch))
             ):
                 if len(group) > 1:
                     given = _blurred(distance[group], energy[group])

@@ -41,7 +41,7 @@ class Glance:
 
 
 def glance(job: Observation, shape: tuple[int, int] = SHAPE) -> Glance:
-    """Return what a LiDAR sees in a still scene, in an image of at most this shape.
+    """Image, of at most this shape, of what a LiDAR sees in a still scene.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def glance(job: Observation, shape: tuple[int, int] = SHAPE) -> Glance:
     away = np.where(there, hits.distance, 1.0)
     reflectance = reflectance_of(caster.scene, hits, seen.organ, surfaces)
     bright = intensity(reflectance, seen.cos_incidence, away, clear) * away**2
-    found = (
+    columns = (
         np.where(there, hits.distance, np.inf),
         np.where(there, bright, 0.0),
         np.where(there, seen.organ, ESCAPED).astype(np.int8),
     )
-    return Glance(*(values.reshape(size[::-1]).T for values in found))
+    return Glance(*(values.reshape(size[::-1]).T for values in columns))
 
 
 def rays_of(

@@ -26,9 +26,9 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
     every : of every how many pulses.
     """
     number = np.arange(0, scan.pulses, every)
-    mine = np.flatnonzero(cloud.pulse % every == 0)
-    slot, last = cloud.pulse[mine] // every, np.zeros(len(number))
-    np.maximum.at(last, slot, cloud.true_range[mine])
+    points = np.flatnonzero(cloud.pulse % every == 0)
+    slot, last = cloud.pulse[points] // every, np.zeros(len(number))
+    np.maximum.at(last, slot, cloud.true_range[points])
     last[last == 0] = scan.scanner.max_range
     count = cells.count
     tally = np.zeros(2 * count, np.int32)  # passed, then blocked
@@ -39,8 +39,8 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
         for step in walk(cells, np.asarray(pulses.origin), pulses.direction, reach):
             np.add.at(tally, step.cell + count * (step.enter >= stop[step.line]), 1)
     passed, blocked = tally.reshape(2, *cells.size)
-    pulses = scan.pattern.pulses(cloud.pulse[mine])
-    place = pulses.origin + cloud.true_range[mine, None] * pulses.direction
+    pulses = scan.pattern.pulses(cloud.pulse[points])
+    place = pulses.origin + cloud.true_range[points, None] * pulses.direction
     where = cells.at(place)
     inside = where >= 0
     pairs = distinct(slot[inside] * count + where[inside])  # two returns in a cell: one pulse
@@ -84,8 +84,8 @@ def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict
     rows = order[first & (trees[order] >= 0)]
     lines, trees, distances = lines[rows], trees[rows], distances[rows]
     wide = int(caster.scene.tree.max(initial=0)) + 1
-    mine = np.flatnonzero((cloud.pulse % every == 0) & (cloud.returns.tree >= 0))
-    known_pairs = (cloud.pulse[mine] // every) * wide + cloud.returns.tree[mine]
+    points = np.flatnonzero((cloud.pulse % every == 0) & (cloud.returns.tree >= 0))
+    known_pairs = (cloud.pulse[points] // every) * wide + cloud.returns.tree[points]
     return {
         "pulse": number[lines],
         "tree": trees.astype(np.int32),

@@ -71,13 +71,13 @@ def meet(
     hits = caster.cast(origins, directions, max_distance, **when)
     if not surfaces.leaf_transmittance:
         return Contacts(ray, hits, organs(caster.scene, hits), light)
-    found: list[Contacts] = []
+    contacts: list[Contacts] = []
     while True:
         met = np.flatnonzero(hits.found)
         ray, light, hits = ray[met], light[met], hits.select(met)
         organ = organs(caster.scene, hits)
-        sends, goes_on, kept = split(organ, light, surfaces, keys[ray], len(found))
-        found.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends]))
+        sends, goes_on, kept = split(organ, light, surfaces, keys[ray], len(contacts))
+        contacts.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends]))
         if not len(goes_on):
             break
         ray, light, behind = ray[goes_on], light[goes_on] * kept, hits.select(goes_on)
@@ -89,7 +89,7 @@ def meet(
             leaving=behind,
             **{name: every[ray] for name, every in when.items()},
         )
-    return Contacts.joined(found)
+    return Contacts.joined(contacts)
 
 
 def split(

@@ -135,12 +135,12 @@ def reflectance_of(
         surfaces.ground,
         surfaces.wood,
     )
-    found = scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])
+    reflectance = scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])
     if scene.optics is None and not scene.slot_optics:
-        return found
+        return reflectance
     kind, *_, gain = scene.optics_at(hits.instance, hits.triangle).T
     bright = np.clip(np.where(np.isnan(gain), Polished().gain, gain), 1, None)
-    return np.where(kind == RETRO, bright, found)
+    return np.where(kind == RETRO, bright, reflectance)
 
 
 # Noise of a scanner, drawn for each return by its key: seed, scan, pulse, return.

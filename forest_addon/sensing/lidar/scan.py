@@ -143,10 +143,12 @@ class Scan:
         self._unfollowed = 0
         if self.scanner.receiver.beyond == "folded":
             return self._measure(pulses, number, keys, self._folded(number))
-        found = self._found(pulses, keys)
+        returns = self._found(pulses, keys)
         if self.scanner.receiver.blanking:
-            found = found.select(np.flatnonzero(arrives_awake(self.scanner, found.echoes.distance)))
-        return self._measure(pulses, number, keys, found)
+            returns = returns.select(
+                np.flatnonzero(arrives_awake(self.scanner, returns.echoes.distance))
+            )
+        return self._measure(pulses, number, keys, returns)
 
     def rays(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Origins and directions (P·S, 3) of the rays of the pulses of these numbers (P,), pulse by pulse."""
@@ -154,8 +156,8 @@ class Scan:
 
     def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses and their halos, before the receiver."""
-        found = self._direct(pulses, keys)
-        return found if self._halo is None else self._halo.added(self.caster, pulses, keys, found)
+        direct = self._direct(pulses, keys)
+        return direct if self._halo is None else self._halo.added(self.caster, pulses, keys, direct)
 
     def _direct(self, pulses: Pulses, keys: np.ndarray) -> Received:
         rays, when = self._rays(pulses, keys), pulses.time
@@ -175,13 +177,13 @@ class Scan:
     def _met(
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
     ) -> Contacts:
-        """Return what origins and directions of rays meet, at times where the scene moves."""
+        """Contacts of rays from origins in directions, at times where the scene moves."""
         limits = self.scanner.max_range, self.scanner.surfaces
         if self.specular is None:
             return meet(self.caster, *rays, *limits, keys, at)
-        found, ended = follow(self.caster, self.specular, rays, *limits, keys)
+        contacts, ended = follow(self.caster, self.specular, rays, *limits, keys)
         self._unfollowed += ended
-        return found
+        return contacts
 
     def _folded(self, number: np.ndarray) -> Received:
         """Return the echoes that arrive after these pulses were sent and before the next, of whichever pulse,
@@ -190,17 +192,19 @@ class Scan:
         late = np.arange(int(self.scanner.max_range // period) + 1)
         sent = distinct(number[:, None] - late)
         sent = sent[sent >= 0]
-        found = self._found(self.pattern.pulses(sent), child_keys(self._key, sent))
-        rounds = np.floor(found.echoes.distance / period)
-        arrives = sent[found.echoes.pulse] + rounds.astype(np.int64)
+        arriving = self._found(self.pattern.pulses(sent), child_keys(self._key, sent))
+        rounds = np.floor(arriving.echoes.distance / period)
+        arrives = sent[arriving.echoes.pulse] + rounds.astype(np.int64)
         place = np.searchsorted(number, arrives)
-        seems = found.echoes.distance - rounds * period
+        seems = arriving.echoes.distance - rounds * period
         here = np.append(number, -1)[place] == arrives
-        here &= arrives_awake(self.scanner, found.echoes.distance)
+        here &= arrives_awake(self.scanner, arriving.echoes.distance)
         rows = np.flatnonzero(here & (seems >= self.scanner.min_range))
         rows = rows[np.lexsort((seems[rows], place[rows]))]
-        found = found.select(rows)
-        return replace(found, echoes=replace(found.echoes, pulse=place[rows], distance=seems[rows]))
+        arriving = arriving.select(rows)
+        return replace(
+            arriving, echoes=replace(arriving.echoes, pulse=place[rows], distance=seems[rows])
+        )
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
         """Pieces of the scan from pulse ``first`` on: where each ends, and what it found.
@@ -265,55 +269,59 @@ class Scan:
         return Received(echoes, hits.select(chosen), ways, normal[chosen], gone)
 
     def _measure(
-        self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, found: Received
+        self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, received: Received
     ) -> Cloud:
-        """Return what the receiver makes of echoes."""
+        """Returns that the receiver makes of echoes."""
         scanner = self.scanner
         if scanner.receiver.threshold_snr:
             # echoes with the receiver's noise, and those of noise alone, which meet nothing
-            light = noisy_light(self.scanner, found.echoes, keys)
+            light = noisy_light(self.scanner, received.echoes, keys)
             false = false_echoes(self.scanner, keys)
             both = Received.joined(
                 [
-                    replace(found, echoes=replace(found.echoes, energy=light)),
+                    replace(received, echoes=replace(received.echoes, energy=light)),
                     Received(
                         false,
                         replace(Hits.misses(len(false.pulse)), distance=false.distance),
                         pulses.direction[false.pulse],
                         np.full((len(false.pulse), 3), np.nan),
-                        None if found.bounce is None else np.zeros(len(false.pulse), dtype=np.int8),
+                        None
+                        if received.bounce is None
+                        else np.zeros(len(false.pulse), dtype=np.int8),
                     ),
                 ]
             )
-            found = both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
-        found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
-        found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
-        return_keys = child_keys(keys[found.echoes.pulse], ranks(found.echoes.pulse))
+            received = both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
+        received = received.select(
+            np.flatnonzero(received.echoes.energy >= detection_limit(scanner))
+        )
+        received = received.select(awake(received.echoes, scanner.receiver.dead_zone))
+        return_keys = child_keys(keys[received.echoes.pulse], ranks(received.echoes.pulse))
         kept = np.flatnonzero(survives_drop_out(scanner.noise, return_keys))
-        found, return_keys = found.select(kept), return_keys[kept]
-        kept = chosen_returns(found.echoes, scanner.beam.max_returns, scanner.receiver.keep)
-        found, return_keys = found.select(kept), return_keys[kept]
-        echoes = found.echoes
+        received, return_keys = received.select(kept), return_keys[kept]
+        kept = chosen_returns(received.echoes, scanner.beam.max_returns, scanner.receiver.keep)
+        received, return_keys = received.select(kept), return_keys[kept]
+        echoes = received.echoes
         rank = ranks(echoes.pulse)
 
-        gone, waves = found.bounce, None
+        gone, waves = received.bounce, None
         if scanner.bounces and gone is None:
             gone = np.full(len(echoes.pulse), DIRECT, dtype=np.int8)
         if scanner.receiver.sample_ns and self._waves is not None:
             counted = self._waves.counted(self._faintest, keys, scanner.receiver)
             waves = replace(counted, pulse=number[counted.pulse])
-        labelled = label(self.caster.scene, found.hits, found.way, found.normal)
+        labelled = label(self.caster.scene, received.hits, received.way, received.normal)
         measured = echoes.distance + range_error(
             scanner.noise, echoes.distance, labelled.cos_incidence, return_keys
         )
         travelled = echoes.distance
         if scanner.receiver.beyond == "folded":
             period = unambiguous_range(scanner)
-            travelled = travelled + period * np.round((found.hits.distance - travelled) / period)
+            travelled = travelled + period * np.round((received.hits.distance - travelled) / period)
         way = pulses.direction[echoes.pulse]
         velocity = rest = None
         if self._moving is not None:
-            met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
+            met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * received.way
             which = labelled.instance, labelled.triangle
             velocity, rest = self._moving.velocities(met, *which, pulses.time[echoes.pulse])
             instance, triangle = self._moving.known(*which)
@@ -365,9 +373,9 @@ def scan(
     SpecError : a mobile scanner that has nowhere to go.
     """
     work = Scan(scanner, caster, seed, path)
-    found = []
+    pieces = []
     for done, piece in work.chunks():
-        found.append(piece)
+        pieces.append(piece)
         if progress:
             progress(done, work.pulses)
-    return join(found)
+    return join(pieces)

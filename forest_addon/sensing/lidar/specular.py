@@ -239,7 +239,7 @@ def follow(
         return contacts, 0
     turned = Turned.joined(turns)
     gone, ratio = turned.left.distance, turned.ratio
-    found, _, ended = _straight(
+    straight, _, ended = _straight(
         *walk,
         turned.origin,
         turned.way,
@@ -248,12 +248,12 @@ def follow(
         turned.left,
     )
     # Contacts of turned rays as the scanner sees them, with the light that reaches it
-    turn = turned.select(found.ray)
-    first, second = turn.left.distance, found.hits.distance
+    turn = turned.select(straight.ray)
+    first, second = turn.left.distance, straight.hits.distance
     seen = first + turn.ratio * second
     area = spread(first, second, turn.before, turn.behind, turn.ratio)
     air = 2 * specular.extinction * (seen - first)  # that ``intensity`` will take of the second way
-    light = found.light * turn.light * seen**2 / area
+    light = straight.light * turn.light * seen**2 / area
     light *= np.exp(air - 2 * turn.extinction * second)
     met = turn.origin + second[:, None] * turn.way
     return Contacts.joined(
@@ -261,8 +261,8 @@ def follow(
             contacts,
             Contacts(
                 turn.ray,
-                replace(found.hits, distance=seen),
-                found.organ,
+                replace(straight.hits, distance=seen),
+                straight.organ,
                 light,
                 SightLines(met - seen[:, None] * turn.way, turn.way, turn.bounce),
             ),
@@ -289,7 +289,7 @@ def _straight(
     ray, light = np.arange(len(origins)), np.ones(len(origins))
     bounce = np.zeros(len(origins), dtype=np.int8)
     hits = caster.cast(origins, ways, limit, leaving=left)
-    found: list[Contacts] = []
+    contacts: list[Contacts] = []
     turned: list[Turned] = []
     ended = np.zeros(len(origins), dtype=bool)
     while True:
@@ -299,13 +299,13 @@ def _straight(
         optics = specular.at(hits)
         plain = np.flatnonzero(np.isnan(optics[0]))
         sends, passes, kept = split(
-            organ[plain], light[plain], surfaces, keys[ray[plain]], len(found)
+            organ[plain], light[plain], surfaces, keys[ray[plain]], len(contacts)
         )
         bare = np.flatnonzero(~np.isnan(optics[0]))
         dust = scene.reflectance_at(hits.instance[bare], hits.triangle[bare], 0.0)
         sends = np.sort(np.append(plain[sends], bare[dust > 0]))
         sight = SightLines(origins[ray[sends]], ways[ray[sends]], bounce[sends])
-        found.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends], sight))
+        contacts.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends], sight))
         through = np.zeros(len(ray))
         through[plain[passes]] = kept
         if len(bare):
@@ -319,7 +319,7 @@ def _straight(
         on = np.flatnonzero((through > 0) & (light * through > FAINT))
         if not len(on):
             again = int(ended.sum()) if left is not None else 0
-            return Contacts.joined(found), turned, again
+            return Contacts.joined(contacts), turned, again
         ray, light, bounce = ray[on], light[on] * through[on], bounce[on]
         behind = hits.select(on)
         hits = caster.cast(
@@ -502,12 +502,12 @@ class Halo:
 
 def is_retro(scene: SceneGeometry) -> np.ndarray:
     """(I,) bool, which instances are retro-reflectors, or have a material that is one."""
-    found = np.zeros(len(scene), dtype=bool)
+    retro = np.zeros(len(scene), dtype=bool)
     if scene.optics is not None:
-        found |= scene.optics[:, 0] == RETRO
+        retro |= scene.optics[:, 0] == RETRO
     for mesh, slots in enumerate(scene.slot_optics):
-        found |= (scene.mesh_index == mesh) & bool((slots[:, 0] == RETRO).any())
-    return found
+        retro |= (scene.mesh_index == mesh) & bool((slots[:, 0] == RETRO).any())
+    return retro
 
 
 def _together(found: Received, length: float) -> Received:

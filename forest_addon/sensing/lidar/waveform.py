@@ -92,7 +92,7 @@ def find_echoes(
     blur = np.zeros(len(ray)) if blur is None else blur
     library = kernels.library()
     if library is None:
-        lit, found = np.flatnonzero(energy > 0), []
+        lit, echoes = np.flatnonzero(energy > 0), []
         pulse = ray[lit] // subrays
         if bins is None and (np.diff(pulse) > 0).all():  # one contact a pulse: that is its echo
             width = np.hypot(sigma, blur[lit])
@@ -104,14 +104,14 @@ def find_echoes(
             for first, stop, place in runs:
                 some = slice(first, stop)
                 echo = _echo(at[some], light[some], width[some], ray[rows[some]] % subrays, sigma)
-                found.append(
+                echoes.append(
                     (
                         ray[rows[0]] // subrays,
                         echo[0] if np.isnan(place) else place,
                         *(*echo[1:3], rows[first + echo[3]]),
                     )
                 )
-        pulse, where, total, wide, contact = np.array(found).reshape(-1, 5).T
+        pulse, where, total, wide, contact = np.array(echoes).reshape(-1, 5).T
         return WaveformEchoes(pulse.astype(int), where, total, wide, contact.astype(int))
     count, given = len(ray), bins or Bins(np.zeros(0), 1.0, 0)
     room = count * (len(given.shape) + given.window + 1) + len(given.shape)
@@ -165,12 +165,12 @@ def _crests(at: np.ndarray, energy: np.ndarray, width: np.ndarray, sigma: float)
         reach = APART * (width - sigma / 2)
         before = np.maximum.accumulate(at + reach)
         apart = before[:-1] < np.minimum.accumulate((at - reach)[::-1])[::-1][1:]
-    found = []
+    crests = []
     for first, stop in pairwise([0, *(np.flatnonzero(apart) + 1).tolist(), len(at)]):
         some = slice(first, stop)
         runs = _crests_of_group(at[some], energy[some], width[some])
-        found += [(first + start, first + end, crest) for start, end, crest in runs]
-    return found
+        crests += [(first + start, first + end, crest) for start, end, crest in runs]
+    return crests
 
 
 def _crests_of_group(at: np.ndarray, energy: np.ndarray, width: np.ndarray) -> Runs:
@@ -391,7 +391,7 @@ def decompose(
     crest, owner = np.flatnonzero(higher), np.repeat(np.arange(len(start)), length)[higher]
     many, blocks = np.bincount(owner, minlength=len(start)), -(-length // (4 * BEYOND))
     kinds = (many << 20) + blocks  # so that what is fitted together does not depend on what else is
-    padded, found = np.append(power, 0.0), [np.empty((4, 0))]
+    padded, fits_of_pulses = np.append(power, 0.0), [np.empty((4, 0))]
     for kind in distinct(kinds[many > 0]).tolist():
         rows, step = np.flatnonzero(kinds == kind), np.arange((kind & 0xFFFFF) * 4 * BEYOND)
         begin = start[rows, None]
@@ -403,8 +403,8 @@ def decompose(
             energy = height * width * waves.step * np.sqrt(2 * np.pi)
         distance = (middle + waves.index[begin]) * waves.step
         fits = waves.pulse[begin] + 0 * middle, distance, energy, width * waves.step
-        found.append(np.stack(fits)[:, sound])
-    fitted = np.concatenate(found, axis=1)
+        fits_of_pulses.append(np.stack(fits)[:, sound])
+    fitted = np.concatenate(fits_of_pulses, axis=1)
     pulse, *others = fitted[:, np.lexsort(fitted[1::-1])]
     return pulse.astype(np.int64), *others
 
@@ -460,13 +460,13 @@ def fitted_echoes(
     if not len(pulse):
         return WaveformEchoes(pulse, crest, light, width, pulse)
     lit = np.flatnonzero(energy > 0)
-    mine, place = ray[lit] // subrays, crest + pulse * FAR
-    owner = np.searchsorted((place[:-1] + place[1:]) / 2, distance[lit] + mine * FAR)
+    pulse_of_contact, place = ray[lit] // subrays, crest + pulse * FAR
+    owner = np.searchsorted((place[:-1] + place[1:]) / 2, distance[lit] + pulse_of_contact * FAR)
     strongest = np.zeros(len(place))
     np.maximum.at(strongest, owner, energy[lit])
     weak = energy[lit] < 0.5 * strongest[owner]
     order = np.lexsort((ray[lit] % subrays, weak, owner))
     order = order[np.append(True, np.diff(owner[order]) != 0)]
-    order = order[pulse[owner[order]] == mine[order]]
+    order = order[pulse[owner[order]] == pulse_of_contact[order]]
     kept = owner[order]
     return WaveformEchoes(pulse[kept], crest[kept], light[kept], width[kept], lit[order])

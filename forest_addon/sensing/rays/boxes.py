@@ -74,11 +74,11 @@ class BoxTree:
 
     def _meet(self, origin: np.ndarray, slope: np.ndarray, limit: np.ndarray) -> Pairs:
         """Pairs of a block of rays (3, R), float32 about the centre, in no order."""
-        found = []
+        pairs = []
         for number, box in self._wide:
             entry, leave = slabs(origin, slope, box)
             rays = np.flatnonzero(_meets(entry, leave, limit))
-            found.append((rays, np.full(len(rays), number), entry[rays]))
+            pairs.append((rays, np.full(len(rays), number), entry[rays]))
 
         low, high = self._levels[0]
         top = (low[:, None], high[:, None])
@@ -96,10 +96,10 @@ class BoxTree:
             pair, child = meets // WIDTH, meets % WIDTH
             entry = entry.ravel().take(meets)
             ray, node = ray.take(pair), node.take(pair) * WIDTH + child
-        found.append((ray, self._number[node], entry))
-        if len(found) == 1:
-            return found[0]
-        ray, instance, entry = (np.concatenate(part) for part in zip(*found, strict=True))
+        pairs.append((ray, self._number[node], entry))
+        if len(pairs) == 1:
+            return pairs[0]
+        ray, instance, entry = (np.concatenate(part) for part in zip(*pairs, strict=True))
         return ray, instance, entry
 
 
@@ -111,7 +111,7 @@ def clip(
     start: np.ndarray | float,
     limit: np.ndarray | float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where rays (3, R) enter and leave a box (3,), (3,), within their limits; leave < enter:
+    """Distances at which rays (3, R) enter and leave a box (3,), (3,), within their limits; leave < enter:
     never."""
     enters, leaves = slabs(origins, inverse(directions), (low, high), start)
     return enters, np.minimum(leaves, limit, out=leaves)
@@ -145,7 +145,7 @@ def inverse(directions: np.ndarray) -> np.ndarray:
 def slabs(
     origin: np.ndarray, slope: np.ndarray, box: Box, start: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where rays enter boxes, not before ``start``, and where they leave them; slope is
+    """Distances at which rays enter boxes, not before ``start``, and leave them; slope is
     1/direction."""
     low, high = box
     entry, leave = start, np.inf

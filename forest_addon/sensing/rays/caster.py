@@ -132,10 +132,10 @@ def hit_normals(
     if transform is None and hits.normal is not None:
         return hits.normal
     normals = np.full((len(hits.distance), 3), np.nan)
-    found = np.flatnonzero(hits.found)
+    met = np.flatnonzero(hits.found)
     table = scene.table
-    for first in range(0, len(found), ROWS):
-        part = found[first : first + ROWS]
+    for first in range(0, len(met), ROWS):
+        part = met[first : first + ROWS]
         instance = hits.instance[part]
         a, b, c = table.corners(
             table.starts[scene.mesh_index[instance]] + hits.triangle[part]

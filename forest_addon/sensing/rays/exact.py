@@ -59,15 +59,15 @@ class ExactCaster(RayCaster):
     def meets(self, origins: np.ndarray, directions: np.ndarray, hits: Hits) -> np.ndarray:
         """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
         ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-        found = np.full(len(origins), np.inf)
+        distance = np.full(len(origins), np.inf)
         named = np.flatnonzero(hits.found)
         mesh_of = self.scene.mesh_index[hits.instance[named]]
         for index in np.unique(mesh_of).tolist():
             rows = named[mesh_of == index]
             start, way = self._local(origins[rows], ways[rows], hits.instance[rows])
             corners = _corners(self.scene.meshes[index], hits.triangle[rows])
-            found[rows] = meet(corners, start, way)
-        return found
+            distance[rows] = meet(corners, start, way)
+        return distance
 
     def _local(
         self, origins: np.ndarray, ways: np.ndarray, instance: np.ndarray
@@ -89,21 +89,21 @@ class ExactCaster(RayCaster):
         met = _slabs(origins[:, None], ways[:, None], self._low, self._high, far[:, None])
         ray, instance = np.nonzero(met)
         mesh_of = self.scene.mesh_index[instance]
-        rays, found = [np.empty(0, np.int64)], [Hits.misses(0)]
+        rays, all_hits = [np.empty(0, np.int64)], [Hits.misses(0)]
         for index in np.unique(mesh_of).tolist():
             rows = np.flatnonzero(mesh_of == index)
-            mine, here = ray[rows], instance[rows]
-            start, way = self._local(origins[mine], ways[mine], here)
+            tested, here = ray[rows], instance[rows]
+            start, way = self._local(origins[tested], ways[tested], here)
             mesh = self.scene.meshes[index]
-            pair, triangle = candidates(_levels(mesh), start, way, far[mine])
+            pair, triangle = candidates(_levels(mesh), start, way, far[tested])
             distance = meet(_corners(mesh, triangle), start[pair], way[pair])
-            mine = mine[pair]
-            hits = Hits(distance, here[pair], triangle, np.full((len(mine), 3), np.nan))
-            left = None if leaving is None else leaving.select(mine)
-            some = counting(hits, near[mine], far[mine], left)
-            rays.append(mine[some])
-            found.append(hits.select(some))
-        return np.concatenate(rays), Hits.joined(found)
+            tested = tested[pair]
+            hits = Hits(distance, here[pair], triangle, np.full((len(tested), 3), np.nan))
+            left = None if leaving is None else leaving.select(tested)
+            some = counting(hits, near[tested], far[tested], left)
+            rays.append(tested[some])
+            all_hits.append(hits.select(some))
+        return np.concatenate(rays), Hits.joined(all_hits)
 
 
 def cast_exactly(scene: SceneGeometry, origins: np.ndarray, directions: np.ndarray) -> Hits:
@@ -381,11 +381,11 @@ class Referee(RayCaster):
             **{name: np.tile(every, count) for name, every in when.items()},
         )
         ours = ours.select(np.tile(np.arange(len(origins)), count))
-        found = _alike(moved, ours)
-        found &= ~np.tile(by_name, count) | (
+        alike = _alike(moved, ours)
+        alike &= ~np.tile(by_name, count) | (
             (moved.instance == ours.instance) & (moved.triangle == ours.triangle)
         )
-        return np.asarray(found.reshape(count, -1).any(axis=0))
+        return np.asarray(alike.reshape(count, -1).any(axis=0))
 
 
 def _half_size(scene: SceneGeometry) -> float:

@@ -88,12 +88,12 @@ class SceneGeometry:
         self, instance: np.ndarray, triangle: np.ndarray, otherwise: float
     ) -> np.ndarray:
         """(R,) reflectance of what was hit: of its material, else of its object, else ``otherwise``."""
-        found = np.append(self.reflectance, np.nan).take(instance)  # a miss is -1
+        reflectance = np.append(self.reflectance, np.nan).take(instance)  # a miss is -1
         if self._of_material is not None:
             first = np.append(self.table.starts[self.mesh_index], 0)
             own = self._of_material.take(first.take(instance) + triangle)
-            found = np.where(np.isnan(own) | (instance < 0), found, own)
-        return np.where(np.isnan(found), otherwise, found)
+            reflectance = np.where(np.isnan(own) | (instance < 0), reflectance, own)
+        return np.where(np.isnan(reflectance), otherwise, reflectance)
 
     @cached_property
     def _of_material(self) -> np.ndarray | None:
@@ -113,18 +113,18 @@ class SceneGeometry:
     def optics_at(self, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
         """(R, 4) what makes that which was hit a mirror, glass or water: of its material, else of its
         object; NaN where neither says so."""
-        found = np.full((len(instance), 4), np.nan)
+        optics = np.full((len(instance), 4), np.nan)
         if self.optics is not None:
-            found = self.optics[instance].copy()
-            found[instance < 0] = np.nan
+            optics = self.optics[instance].copy()
+            optics[instance < 0] = np.nan
         mesh_of = np.append(self.mesh_index, -1)[instance]
         for index, slots in enumerate(self.slot_optics):
             if np.isfinite(slots).any():
                 rows = np.flatnonzero(mesh_of == index)
                 slot = self.meshes[index].material[triangle[rows]]
                 own = slots[np.clip(slot, 0, len(slots) - 1)]
-                found[rows] = np.where(np.isnan(own[:, :1]), found[rows], own)
-        return found
+                optics[rows] = np.where(np.isnan(own[:, :1]), optics[rows], own)
+        return optics
 
     def take(self, rows: np.ndarray, **others: np.ndarray) -> SceneGeometry:
         """The scene of some instances (R,), by number. others : of these what is said anew."""
@@ -250,8 +250,8 @@ class TriangleTable:
 
     def corners(self, number: np.ndarray) -> np.ndarray:
         """(3, 3, R) float64: of each coordinate and each corner, those of triangles (R,) of the table."""
-        found = self.vertices.take(self.triangles.take(number, 0), 0)
-        return found.transpose(2, 1, 0).astype(np.float64, order="C")
+        corners = self.vertices.take(self.triangles.take(number, 0), 0)
+        return corners.transpose(2, 1, 0).astype(np.float64, order="C")
 
 
 # Precision of a scene's places: Blender keeps coordinates in float32.

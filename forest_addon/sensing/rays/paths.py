@@ -106,11 +106,11 @@ class PathTable:
         beyond : go on as at the ends, not stand there.
         """
         row, share, _ = self._between(which, time, beyond)
-        found = np.empty((len(time), 3, 4))
-        found[:, :, 3] = self._place[row] + share * (self._place[row + 1] - self._place[row])
+        transform = np.empty((len(time), 3, 4))
+        transform[:, :, 3] = self._place[row] + share * (self._place[row + 1] - self._place[row])
         stretch = self._shape[row] + share[:, None] * (self._shape[row + 1] - self._shape[row])
-        found[:, :, :3] = self._turned(row, share).as_matrix() @ stretch
-        return found
+        transform[:, :, :3] = self._turned(row, share).as_matrix() @ stretch
+        return transform
 
     def rate(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
         """(R, 3, 4) change of the transforms of paths (R,) a second at times (R,)."""
@@ -119,17 +119,17 @@ class PathTable:
         bend = self._shape[row + 1] - self._shape[row]
         stretch = self._shape[row] + share[:, None] * bend
         turning = _rate(lambda k: self._round[k], row, share, knots, 1.0)
-        found = np.empty((len(time), 3, 4))
-        found[:, :, :3] = self._turned(row, share).as_matrix() @ (
+        change = np.empty((len(time), 3, 4))
+        change[:, :, :3] = self._turned(row, share).as_matrix() @ (
             np.cross(turning[:, :, None], stretch, axis=1) + bend
         )
-        found[:, :, 3] = _rate(
+        change[:, :, 3] = _rate(
             lambda k: self._place[k + 1] - self._place[k], row, share, knots, size
         )
-        found /= step[:, None]
+        change /= step[:, None]
         ends = self._ends[which]
-        found[(time < ends[:, 0]) | (time > ends[:, 1])] = 0.0
-        return found
+        change[(time < ends[:, 0]) | (time > ends[:, 1])] = 0.0
+        return change
 
     def _turned(self, row: np.ndarray, share: np.ndarray) -> Rotation:
         return composed(self._turn[row], Rotation.from_rotvec(share * self._round[row]))
@@ -143,8 +143,8 @@ class PathTable:
         clock = self._clock[which]
         for number in [0] if len(self._times) == 1 else distinct(clock).tolist():
             known = self._times[number]
-            mine = slice(None) if len(self._times) == 1 else np.flatnonzero(clock == number)
-            row[mine], share[mine], step[mine] = _between(known, time[mine], beyond)
+            at_clock = slice(None) if len(self._times) == 1 else np.flatnonzero(clock == number)
+            row[at_clock], share[at_clock], step[at_clock] = _between(known, time[at_clock], beyond)
         return row + self._first[which], share[:, None], step[:, None]
 
 
@@ -163,10 +163,10 @@ class PathsOneByOne:
         return self._asked("rate", which, time)
 
     def _asked(self, what: str, which: np.ndarray, time: np.ndarray) -> np.ndarray:
-        found = np.empty((len(time), 3, 4))
+        answers = np.empty((len(time), 3, 4))
         for row in distinct(which).tolist():
-            found[which == row] = getattr(self._paths[row], what)(time[which == row])
-        return found
+            answers[which == row] = getattr(self._paths[row], what)(time[which == row])
+        return answers
 
 
 @dataclass(frozen=True)
@@ -199,10 +199,10 @@ class ShapePath:
             low, high = self._ends(k, vertex)
             return np.asarray(high - low)
 
-        found = _rate(gone, row, share[:, None, None], knots.repeat(len(row), axis=0), size)
-        found /= step[:, None, None]
-        found[(time < self.time[0]) | (time > self.time[-1])] = 0.0
-        return found
+        velocity = _rate(gone, row, share[:, None, None], knots.repeat(len(row), axis=0), size)
+        velocity /= step[:, None, None]
+        velocity[(time < self.time[0]) | (time > self.time[-1])] = 0.0
+        return velocity
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners (3,) of the box that no finite vertex leaves."""
@@ -271,8 +271,8 @@ class SceneMotion:
         if not len(self.rows):
             return np.empty(0, np.int64), np.empty(0, np.int64)
         row = np.minimum(np.searchsorted(self.rows, instance), len(self.rows) - 1)
-        mine = np.flatnonzero(self.rows[row] == instance)
-        return mine, row[mine]
+        on_path = np.flatnonzero(self.rows[row] == instance)
+        return on_path, row[on_path]
 
     def corners(
         self,
@@ -283,16 +283,18 @@ class SceneMotion:
         rates: bool = False,
     ) -> np.ndarray:
         """(R, 3, 3) own corners of triangles at times, m. rates : how fast they move, m/s, instead."""
-        found = np.zeros((len(instance), 3, 3))
+        corners = np.zeros((len(instance), 3, 3))
         if not rates:
             rest = np.flatnonzero(~self.bends(instance))
-            found[rest] = corners_at_rest(scene, instance[rest], triangle[rest])
+            corners[rest] = corners_at_rest(scene, instance[rest], triangle[rest])
         for number, shape in self.shapes.items():
-            mine = np.flatnonzero(instance == number)
-            if len(mine):
-                vertex = scene.meshes[scene.mesh_index[number]].triangles[triangle[mine]]
-                found[mine] = (shape.velocity if rates else shape.at)(vertex, time[mine])
-        return found
+            of_number = np.flatnonzero(instance == number)
+            if len(of_number):
+                vertex = scene.meshes[scene.mesh_index[number]].triangles[triangle[of_number]]
+                corners[of_number] = (shape.velocity if rates else shape.at)(
+                    vertex, time[of_number]
+                )
+        return corners
 
     def bends(self, instance: np.ndarray) -> np.ndarray:
         """(R,) bool, which of these instances change their shape."""
@@ -301,12 +303,12 @@ class SceneMotion:
 
 def corners_at_rest(scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
     """(R, 3, 3) own corners of triangles of instances (R,) as the scene stands, m."""
-    found = np.empty((len(instance), 3, 3))
+    corners = np.empty((len(instance), 3, 3))
     mesh_of = scene.mesh_index[instance]
     for number in distinct(mesh_of).tolist():
-        mine, mesh = np.flatnonzero(mesh_of == number), scene.meshes[number]
-        found[mine] = mesh.vertices[mesh.triangles[triangle[mine]]]
-    return found
+        of_mesh, mesh = np.flatnonzero(mesh_of == number), scene.meshes[number]
+        corners[of_mesh] = mesh.vertices[mesh.triangles[triangle[of_mesh]]]
+    return corners
 
 
 def _evenly(time: np.ndarray) -> bool:

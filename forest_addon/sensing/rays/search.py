@@ -136,9 +136,9 @@ def search_on(
     while len(rays):  # behind what does not count
         start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
         step *= 2.0
-        found = nearest(rays, start[rays])
-        hits.put(rays, found)
-        rays = rays[refused(found, near[rays], left.select(rays))]
+        first_hits = nearest(rays, start[rays])
+        hits.put(rays, first_hits)
+        rays = rays[refused(first_hits, near[rays], left.select(rays))]
     beyond = (hits.distance > far) & hits.found
     if beyond.any():
         hits.put(beyond, Hits.misses(1))

@@ -94,10 +94,10 @@ class Tracks:
         self._scene, self._now, self._time, self._samples = scene, now, time, samples
         self._keys: dict[tuple[tuple[str, str], int], int] = {}
         usual = self._found(now)
-        found = [usual if sample.names_as(now) else self._found(sample) for sample in samples]
+        columns_of = [usual if sample.names_as(now) else self._found(sample) for sample in samples]
         self._many = {
-            thing: np.array([count[thing] for _, count in found])
-            for thing in dict.fromkeys(thing for thing, _ in self._keys)
+            obj: np.array([count[obj] for _, count in columns_of])
+            for obj in dict.fromkeys(obj for obj, _ in self._keys)
         }
         appearing = {name for name, _ in self._many.keys() - usual[1].keys()}
         if appearing:
@@ -105,16 +105,16 @@ class Tracks:
         size = len(samples), len(self._keys)
         self._row, self._place = np.full(size, -1, dtype=np.int64), np.full((*size, 3, 4), np.nan)
         mark = np.zeros(size, dtype=np.int64)  # of the triangles of what may bend
-        for k, (sample, (columns, _)) in enumerate(zip(samples, found, strict=True)):
+        for k, (sample, (columns, _)) in enumerate(zip(samples, columns_of, strict=True)):
             self._row[k, columns] = np.arange(len(columns))
             self._place[k, columns] = sample.transform
             if sample.shapes:
                 marks = {number: id(shape.mesh) for number, shape in sample.shapes.items()}
                 mark[k, columns] = [marks.get(mesh, 0) for mesh in sample.mesh_index.tolist()]
         self._there = self._row >= 0
-        order = {thing: n for n, thing in enumerate(self._many)}
+        order = {obj: n for n, obj in enumerate(self._many)}
         many = np.array([*self._many.values()]).reshape(len(order), -1).T
-        even = (many[:-1] == many[1:])[:, [order[thing] for thing, _ in self._keys]]
+        even = (many[:-1] == many[1:])[:, [order[obj] for obj, _ in self._keys]]
         self.joined = self._there[:-1] & self._there[1:] & even & (mark[:-1] == mark[1:])
         self._moving = self._which_move(mark.any(axis=0))
         if jumps and len(time) > 3:
@@ -126,9 +126,9 @@ class Tracks:
         count: Counter[tuple[str, str]] = Counter()
         columns = []
         for index, source in zip(sample.object_index.tolist(), sample.source, strict=True):
-            thing = sample.name[index], source
-            columns.append(self._keys.setdefault((thing, count[thing]), len(self._keys)))
-            count[thing] += 1
+            origin = sample.name[index], source
+            columns.append(self._keys.setdefault((origin, count[origin]), len(self._keys)))
+            count[origin] += 1
         return np.array(columns, dtype=np.int64), count
 
     @property
@@ -153,7 +153,7 @@ class Tracks:
 
         every : samples from one moment at which things are expected to change at once to the next.
         """
-        read, objects = self._scene, [thing for thing, _ in self._keys]
+        read, objects = self._scene, [obj for obj, _ in self._keys]
         paths: dict[int, RigidPath] = {}
         shapes: dict[int, ShapePath] = {}
         spans: dict[int, tuple[float, float]] = {}
@@ -233,15 +233,15 @@ class Tracks:
     def _which_move(self, may_bend: np.ndarray) -> np.ndarray:
         """(N,) bool, instances that are not always where and as the scene says."""
         scene, count = self._scene, len(self._scene)
-        found = np.ones(self._row.shape[1], dtype=bool)
+        moves = np.ones(self._row.shape[1], dtype=bool)
         with np.errstate(invalid="ignore"):
             apart = np.abs(self._place[:, :count] - scene.transform[None]).max(
                 axis=(0, 2, 3), initial=0.0
             )
         stands = apart <= STANDS * (1 + np.abs(scene.transform).max(axis=(1, 2), initial=0.0))
-        found[:count] = ~stands | ~self._there[:, :count].all(axis=0)
+        moves[:count] = ~stands | ~self._there[:, :count].all(axis=0)
         changing: dict[int, bool] = {}
-        for number in np.flatnonzero(may_bend & ~found).tolist():
+        for number in np.flatnonzero(may_bend & ~moves).tolist():
             index = int(scene.mesh_index[number])
             if index not in changing:
                 mesh = scene.meshes[index]
@@ -253,8 +253,8 @@ class Tracks:
                     for shape in shapes
                     if shape
                 )
-            found[number] = changing[index]
-        return found
+            moves[number] = changing[index]
+        return moves
 
     def _shape(self, k: int, number: int) -> Shape | None:
         """The shape of an instance at a sample; None: as the scene has it, or not there."""

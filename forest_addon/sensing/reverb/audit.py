@@ -159,9 +159,9 @@ class Channel:
 
     def figures(self) -> dict[str, object]:
         """Figures of the response besides its sums, computed again."""
-        pair, found, weak = self.pair, self.found, self.pair.loud[1]
+        pair, result, weak = self.pair, self.found, self.pair.loud[1]
         paths = self.paths if weak is None else self.paths.select(~weak.rows)
-        reverb, rate, count = pair.reverb, self.rate, len(found.trees)
+        reverb, rate, count = pair.reverb, self.rate, len(result.trees)
         heard = paths.earliest <= (count + SPREAD) / rate * self.speed
         tree = pair.forest.tree if weak is None else pair.forest.tree[~weak.rows]
         straight = max(math.dist(pair.source, pair.receiver), NEAREST)

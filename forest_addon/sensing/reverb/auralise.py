@@ -74,8 +74,8 @@ def background(
         inside = (frequency >= middle / np.sqrt(2)) & (frequency < middle * np.sqrt(2))
         width = middle * np.sqrt(0.5)  # Hz; one that is cut by the band has its part of the energy
         power[inside] = mean * 10.0 ** (level / 10.0) * rate / (2.0 * width)
-    found = np.empty((count, len(gains)))
+    noise = np.empty((count, len(gains)))
     for column, gain in enumerate(gains):
         white = np.fft.rfft(rng.standard_normal(size))
-        found[:, column] = gain * np.fft.irfft(white * np.sqrt(power), size)[:count]
-    return found
+        noise[:, column] = gain * np.fft.irfft(white * np.sqrt(power), size)[:count]
+    return noise

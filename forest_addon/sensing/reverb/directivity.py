@@ -98,7 +98,7 @@ CARDIOID = _pattern(1.0, 0.0)  # (1 + cos θ)/2
 
 
 def directivity_of(reverb: Reverb, folder: Path) -> Directivity:
-    """Return how the sources of a reverb send; ``folder`` is where the name of its file starts from.
+    """Directivity of a reverb's sources; ``folder`` is where the name of its file starts from.
 
     Raises
     ------

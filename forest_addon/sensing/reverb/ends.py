@@ -77,9 +77,9 @@ class Ends:
     def _moved(places: np.ndarray, shift: np.ndarray | None, count: int, moment: int) -> np.ndarray:
         if shift is None:
             return places
-        found = places.copy()
-        found[:count] += shift[moment]
-        return found
+        moved = places.copy()
+        moved[:count] += shift[moment]
+        return moved
 
 
 def ends_of(reverb: Reverb, objects: Places | None = None, folder: Path = Path()) -> Ends:
@@ -101,20 +101,20 @@ def ends_of(reverb: Reverb, objects: Places | None = None, folder: Path = Path()
         for name, place in centres.items()
         for number, shift in enumerate(row)
     }
-    found = Ends(
+    ends = Ends(
         np.array(list(sources.values()), np.float64),
         np.array(list(receivers.values()), np.float64),
         tuple(sources),
         tuple(receivers),
     )
     if reverb.source_path or reverb.receiver_path:
-        found = _moving(found, reverb, folder, len(row))
-    number = next((n for n, (_, end) in enumerate(found.pairs) if end[2] <= 0), None)
+        ends = _moving(ends, reverb, folder, len(row))
+    number = next((n for n, (_, end) in enumerate(ends.pairs) if end[2] <= 0), None)
     if number is not None:
         key = "array_file" if reverb.array_file else "array_elevation_deg"
-        name = found.channels[number].split(" to ", 1)[1]
+        name = ends.channels[number].split(" to ", 1)[1]
         raise SpecError(key, f"{name} would be below the ground; raise it, or shorten the row")
-    return found
+    return ends
 
 
 def _moving(ends: Ends, reverb: Reverb, folder: Path, microphones: int) -> Ends:
@@ -152,9 +152,9 @@ def _moving(ends: Ends, reverb: Reverb, folder: Path, microphones: int) -> Ends:
 def _places(
     kind: str, first: tuple[float, ...], further: tuple, named: str, objects: Places
 ) -> dict[str, tuple[float, ...]]:
-    """Return where each source, or each receiver, is, by its name."""
-    found = {kind: first}
-    found |= {f"{kind} {number}": place.position for number, place in enumerate(further, 2)}
+    """Place of each source, or each receiver, by its name."""
+    place_of = {kind: first}
+    place_of |= {f"{kind} {number}": place.position for number, place in enumerate(further, 2)}
     for name in filter(None, (part.strip() for part in named.split(","))):
         if name not in objects:
             known = ", ".join(sorted(objects)) or "none"
@@ -166,8 +166,8 @@ def _places(
             raise SpecError(
                 f"{kind}_objects", f'"{name}" must be above the ground, z = 0; raise it'
             )
-        found[name] = objects[name]
-    return found
+        place_of[name] = objects[name]
+    return place_of
 
 
 def _row(reverb: Reverb) -> np.ndarray:
@@ -192,10 +192,12 @@ def read_microphones(path: Path) -> np.ndarray:
     ------
     SpecError : it is missing, lacks a column, has a cell that is no number, or too many rows.
     """
-    found = _columns("array_file", path, ("x", "y", "z"))
-    if len(found) > MOST_MICROPHONES:
-        raise SpecError("array_file", f"{path.name} has {len(found)} microphones; give at most 256")
-    return found
+    microphones = _columns("array_file", path, ("x", "y", "z"))
+    if len(microphones) > MOST_MICROPHONES:
+        raise SpecError(
+            "array_file", f"{path.name} has {len(microphones)} microphones; give at most 256"
+        )
+    return microphones
 
 
 @guarded("a CSV of a path")
@@ -206,12 +208,12 @@ def read_path(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
     ------
     SpecError : as above; times do not rise; fewer than two rows; a place that is not above the ground.
     """
-    found = _columns(key, path, ("time", "x", "y", "z"))
-    if len(found) < 2 or (np.diff(found[:, 0]) <= 0).any():
+    rows = _columns(key, path, ("time", "x", "y", "z"))
+    if len(rows) < 2 or (np.diff(rows[:, 0]) <= 0).any():
         raise SpecError(key, f"{path.name} needs two rows or more, whose times rise")
-    if (found[:, 3] <= 0).any():
+    if (rows[:, 3] <= 0).any():
         raise SpecError(key, f"{path.name}: z must be above the ground, z = 0; raise it")
-    return found[:, 0], found[:, 1:]
+    return rows[:, 0], rows[:, 1:]
 
 
 def _columns(key: str, path: Path, names: tuple[str, ...]) -> np.ndarray:
@@ -225,7 +227,7 @@ def _columns(key: str, path: Path, names: tuple[str, ...]) -> np.ndarray:
             key, f"{path.name} needs a header with {', '.join(names)} and at least one row"
         )
     places = [header.index(name) for name in names]
-    found = []
+    numbers = []
     for line, row in enumerate(rows[1:], 2):
         try:
             values = [float(row[place]) for place in places]
@@ -235,5 +237,5 @@ def _columns(key: str, path: Path, names: tuple[str, ...]) -> np.ndarray:
             raise SpecError(
                 key, f"{path.name}: line {line} lacks a number; give {', '.join(names)}"
             )
-        found.append(values)
-    return np.array(found)
+        numbers.append(values)
+    return np.array(numbers)

@@ -140,7 +140,7 @@ OMNI_EAR = Hearing()
 
 
 def hearing_of(reverb: Reverb, folder: Path) -> Hearing:
-    """Return how receivers hear; ``folder`` is where the name of the head's file starts from.
+    """Hearing of receivers; ``folder`` is where the name of the head's file starts from.
 
     Raises
     ------
@@ -206,8 +206,8 @@ def encoded(
         if len(rows) < len(forest) or not (group.gain == 1.0).all():
             if not len(rows):
                 continue
-            found = pair.trees(forest.select(rows), expansions, None, last, group.gain[rows])
-            samples = found.samples * kept
+            response = pair.trees(forest.select(rows), expansions, None, last, group.gain[rows])
+            samples = response.samples * kept
         trees += _through(samples, group.taps)
     keep = plain if (hearing.taps(way)[0] != 1.0).any() else None  # W is a microphone's already
     return [

@@ -84,13 +84,13 @@ def _respond(job: Observation, progress: Progress | None) -> Any:
     """Impulse responses between all ends."""
     from .response import impulse_response
 
-    found = impulse_response(
+    response = impulse_response(
         **response_inputs(job),
         expansions=job.seen.expansions,
         progress=progress,
         all_trunks=job.settings.accuracy.detail == "full",
     )
-    return replace(found, sprays=_sprays(job))
+    return replace(response, sprays=_sprays(job))
 
 
 def _sprays(job: Observation) -> tuple[str, ...]:
@@ -156,7 +156,7 @@ def _where_ends_are(job: Observation) -> np.ndarray:
 
 
 def _channels(reverb: Reverb) -> int:
-    """Return how many pairs of source and receiver there are, sums over trunks all of them."""
+    """Number of pairs of source and receiver, sums over trunks all of them."""
     pairs = (1 + len(reverb.sources)) * (1 + len(reverb.receivers)) * reverb.array
     return pairs * {"omni": 1, "ambisonics": 3, "binaural": 12}[reverb.heard_as]
 
@@ -206,7 +206,7 @@ def _choose(reverb: Reverb) -> tuple[Choice, ...]:
 
 
 def _left_out(found: Any) -> tuple[Choice, ...]:
-    """Return what a response left out as too weak."""
+    """Sentence on what a response left out as too weak."""
     if not found.weak:
         return ()
     why = (

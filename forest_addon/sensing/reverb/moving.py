@@ -107,8 +107,8 @@ def _undelayed(parts: np.ndarray, delay: np.ndarray) -> np.ndarray:
     size = parts.shape[1] + 2 * SPREAD
     frequency = np.fft.rfftfreq(size)
     turned = np.exp(2j * math.pi * frequency * (delay[:, None] - SPREAD))
-    found: np.ndarray = np.fft.irfft(np.fft.rfft(parts, size, axis=1) * turned, size, axis=1)
-    return found[:, : SPREAD + min(AFTER, parts.shape[1])]
+    filters: np.ndarray = np.fft.irfft(np.fft.rfft(parts, size, axis=1) * turned, size, axis=1)
+    return filters[:, : SPREAD + min(AFTER, parts.shape[1])]
 
 
 def _carried(
@@ -137,7 +137,7 @@ def _carried(
 def _between(samples: np.ndarray, at: np.ndarray) -> np.ndarray:
     """(M,) values at places (M,) between samples (N,), by a windowed sinc; silence before and after."""
     padded = np.pad(samples, 2 * HALF)
-    found = np.zeros(len(at))
+    values_between = np.zeros(len(at))
     inside = np.flatnonzero((at > -HALF) & (at < len(samples) + HALF))
     table, steps = _kernel(), np.arange(1 - HALF, HALF + 1) + 2 * HALF
     for first in range(0, len(inside), AT_ONCE):
@@ -147,8 +147,8 @@ def _between(samples: np.ndarray, at: np.ndarray) -> np.ndarray:
         low = np.minimum(place.astype(np.int64), PHASES - 1)
         share = (place - low)[:, None]
         weight = (1.0 - share) * table[low] + share * table[low + 1]
-        found[rows] = (padded[base[:, None] + steps] * weight).sum(axis=1)
-    return found
+        values_between[rows] = (padded[base[:, None] + steps] * weight).sum(axis=1)
+    return values_between
 
 
 @cache

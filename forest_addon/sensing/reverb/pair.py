@@ -41,7 +41,7 @@ LOWEST = 1.0  # Hz; below it, the ground is as it is there
 
 
 def trees_of(tree: np.ndarray) -> int:
-    """Return how many trees stems (N,) are of; those of no tree (-1) count each."""
+    """Number of trees that stems (N,) are of; those of no tree (-1) count each."""
     return len(np.unique(tree[tree >= 0])) + int((tree < 0).sum())
 
 
@@ -170,7 +170,7 @@ class Pair:
         (straight, sent), (bounced, reflected) = self.arrivals()
         direct, ground = self.clear
         rings = 0.0 if self.reverb.ground_kind == "constant" else RINGING
-        found = ImpulseResponse(
+        response = ImpulseResponse(
             sample_rate=rate,
             direct=arrival(straight, sent, rate, count, air) if direct else np.zeros(count),
             ground=arrival(bounced, reflected, rate, count, air, rings)
@@ -200,7 +200,7 @@ class Pair:
             at=self.at,
             stand=self.around.stand if self.around else None,
         )
-        return found if weak is None else replace(found, **weak.told(found.samples, rate))
+        return response if weak is None else replace(response, **weak.told(response.samples, rate))
 
     @cached_property
     def loud(self) -> tuple[Trunks, Weak | None]:
@@ -301,7 +301,7 @@ class Pair:
         )
 
     def _reflected(self, mirrored: np.ndarray, path: float) -> Gain:
-        """Return what is sent towards the mirrored receiver, times what the ground sends back."""
+        """Amplitude that is sent towards the mirrored receiver, times what the ground sends back."""
         sent, reverb, losses = self._sent_to(mirrored), self.reverb, self.losses
         if losses is not None:
             level = max(float(np.hypot(*(mirrored - self.source)[:2])), NEAREST)

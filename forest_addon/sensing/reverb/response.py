@@ -104,12 +104,12 @@ def impulse_response(  # noqa: PLR0913 (all that a response depends on)
         key=key,
         all_trunks=all_trunks,
     )
-    found: list[ImpulseResponse] = []
+    responses: list[ImpulseResponse] = []
     for number, pair in enumerate(pairs):
         share = _share_of(progress, number, len(pairs))
         one = pair.response(prepared, None if number else reverb.rescattering, share)
-        found += encoded(pair, one, hearing, prepared)
-    return replace(found[0], further=tuple(found[1:]))
+        responses += encoded(pair, one, hearing, prepared)
+    return replace(responses[0], further=tuple(responses[1:]))
 
 
 def pairs_of(

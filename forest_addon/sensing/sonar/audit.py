@@ -227,16 +227,16 @@ def _searched(pings: Pings, echo: Echo) -> float:
     """Largest difference of what is heard, its counts and its list from the same found again, and, where that
     is little work, of the bounds of its sum."""
     station = pings.station(echo)
-    found, targets = pings.search(station, echo), pings.targets.at(echo.pose.time)
-    right: dict[str, object] = vars(found.counts) | {"cull_bound": found.bound}
+    searched, targets = pings.search(station, echo), pings.targets.at(echo.pose.time)
+    right: dict[str, object] = vars(searched.counts) | {"cull_bound": searched.bound}
     if sum(map(len, echo.groups)) * echo.spectra.size <= SUMMED and echo.moments <= PIECES:
-        again = sum_echoes(found.groups, station, _grid(pings, echo), pings.sonar.tolerance)
+        again = sum_echoes(searched.groups, station, _grid(pings, echo), pings.sonar.tolerance)
         right |= {name: getattr(again, name) for name in ("error_bound", "table_error", "size")}
     pairs = [(getattr(echo, name), value) for name, value in right.items()]
     listed = contributions(echo.groups, station, pings.band, targets)
     pairs += [(getattr(echo.heard, name), value) for name, value in vars(listed).items()]
-    pairs.append((len(echo.groups), len(found.groups)))
-    for ours, theirs in zip(echo.groups, found.groups, strict=False):
+    pairs.append((len(echo.groups), len(searched.groups)))
+    for ours, theirs in zip(echo.groups, searched.groups, strict=False):
         for name in ("instance", "bound", "shade", "motion"):
             pairs.append((getattr(ours, name), getattr(theirs, name)))
         pairs.append((ours.scatterers.number, theirs.scatterers.number))

@@ -141,9 +141,9 @@ class Call:
         sent = self.samples * _turned(first * place + step * place**2 / 2)
         chirp = fft.fft(_turned(-step * other**2 / 2), length)
         summed = fft.ifft(fft.fft(sent, length) * chirp)
-        found: np.ndarray = summed[:, len(place) - 1 : len(place) - 1 + count]
-        found *= _turned(step * bins**2 / 2) / factors[:, None]
-        return found
+        spectra: np.ndarray = summed[:, len(place) - 1 : len(place) - 1 + count]
+        spectra *= _turned(step * bins**2 / 2) / factors[:, None]
+        return spectra
 
 
 def _turned(turns: np.ndarray) -> np.ndarray:

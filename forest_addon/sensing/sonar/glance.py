@@ -39,7 +39,7 @@ class Cochleagram:
 
 
 def listen(job: Observation, targets: EchoTargets) -> Cochleagram:
-    """Return what a sonar hears of targets from where its settings say, in one ping.
+    """Echo that a sonar hears of targets from where its settings say, in one ping.
 
     Raises
     ------
@@ -87,9 +87,9 @@ def cochleagram(
     slice_of = np.floor(np.arange(many) / (many * spacing) / lasts * COLUMNS).astype(np.int64)
     heard = np.zeros((*envelope.shape[:2], COLUMNS))
     for column in range(COLUMNS):  # the loudest of each slice
-        mine = slice_of == column
-        if mine.any():
-            heard[..., column] = envelope[..., mine].max(axis=-1)
+        bins = slice_of == column
+        if bins.any():
+            heard[..., column] = envelope[..., bins].max(axis=-1)
     empty = np.setdiff1d(np.arange(COLUMNS), slice_of)
     before = empty[empty <= slice_of.max()]
     for column in before:  # samples are farther apart than slices

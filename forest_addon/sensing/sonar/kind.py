@@ -53,7 +53,7 @@ def targets_of(seen: Seen) -> Any:
 
 
 def _targets(job: Observation) -> Any:
-    """Return what sounds back, as it moves where that is asked for."""
+    """Targets that sound back, as they move where that is asked for."""
     still = job.seen.once(targets_of)
     if not job.sensor.motion or job.moving is None:
         return still

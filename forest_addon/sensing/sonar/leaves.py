@@ -131,7 +131,7 @@ class FoliageDiscs:
 
 
 def own_pieces(number: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which piece of which leaf each triangle (F, 3) is: pieces counted on (F,), and their leaves
+    """Piece, and its leaf, that each triangle (F, 3) is of: pieces counted on (F,), and their leaves
     (L,).
 
     number : (F,) of the leaf, sorted.
@@ -536,7 +536,7 @@ class LeafPopulation(Population):
         if not near.any():
             return [far]
         some = far.select(near)
-        found: list[Scatterers] = [far.select(~near), near_faces(some, sight)]
+        groups: list[Scatterers] = [far.select(~near), near_faces(some, sight)]
         if self._model == "exact":
-            found.append(NearEdges(**vars(some)))
-        return found
+            groups.append(NearEdges(**vars(some)))
+        return groups

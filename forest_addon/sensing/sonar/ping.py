@@ -121,7 +121,7 @@ class Echo:
 
     @cached_property
     def heard(self) -> Contributions:
-        """Return what is in the sum; listed when it is first asked for."""
+        """Contributions to the sum; listed when they are first asked for."""
         return self.list_heard()
 
     @property
@@ -148,7 +148,7 @@ class Echo:
 
     @property
     def leaves_heard(self) -> int:
-        """Return how many leaves are in the sum; a near one has several pieces."""
+        """Number of leaves in the sum; a near one has several pieces."""
         leaf = self.heard.kind == "leaf"
         names = np.stack([self.heard.instance[leaf], self.heard.number[leaf]])
         return len(np.unique(names, axis=1).T)
@@ -187,9 +187,9 @@ def ping(
     call = station.equipment.call
     band, rate = Band(*sonar.band), sonar.sample_rate
     hear = PingHearing(targets, station, band, wood, everything)
-    targets, found = hear.at(0.0)
-    moments = [Moment(0.0, station, found.groups)]
-    latest = max((g.paths.latest for g in found.groups), default=0.0)
+    targets, heard = hear.at(0.0)
+    moments = [Moment(0.0, station, heard.groups)]
+    latest = max((g.paths.latest for g in heard.groups), default=0.0)
     lasts, moving = 0.0, 0.0
     if call is not None:
         lasts = call.duration
@@ -198,7 +198,7 @@ def ping(
             moving = max(fastest(moment.groups, station.pose) for moment in moments)
     wide = widened(band, moving, station.sound_speed) if moving else band
     grid = grid_of(wide, rate, latest / station.sound_speed, sonar.record, lasts)
-    summed = sum_echoes(found.groups, station, grid, sonar.tolerance, progress)
+    summed = sum_echoes(heard.groups, station, grid, sonar.tolerance, progress)
     spectra = summed.spectrum
 
     window = band.window(grid.frequency)
@@ -227,21 +227,21 @@ def ping(
         waveforms=waveforms,
         leaves=targets.total(sonar, "leaf"),
         others=targets.total(sonar) - targets.total(sonar, "leaf"),
-        **vars(found.counts),
-        close=sum(group.scatterers.count_close(group.instance) for group in found.groups),
+        **vars(heard.counts),
+        close=sum(group.scatterers.count_close(group.instance) for group in heard.groups),
         doubtful=sum(
             group.scatterers.count_doubtful(station.point, station.wavenumbers[1])
-            for group in found.groups
+            for group in heard.groups
         ),
-        cull_bound=found.bound,
+        cull_bound=heard.bound,
         error_bound=summed.error_bound,
         table_error=summed.table_error,
         size=summed.size,
-        groups=found.groups,
+        groups=heard.groups,
         sound_speed=station.sound_speed,
         sample_rate=rate,
         pose=station.pose,
-        list_heard=partial(contributions, found.groups, station, band, targets),
+        list_heard=partial(contributions, heard.groups, station, band, targets),
         moments=len(moments),
         received=received,
     )
@@ -310,7 +310,7 @@ def _in_time(spectra: np.ndarray, grid: BandGrid, scale: float) -> np.ndarray:
 def contributions(
     groups: list[SearchGroup], station: Station, band: Band, targets: EchoTargets
 ) -> Contributions:
-    """Return what each adds, loudest first."""
+    """Contribution of each, loudest first."""
     if not groups:
         none, whole = np.empty(0), np.empty(0, np.int64)
         empty = np.empty(0, "U5")
@@ -386,7 +386,7 @@ def fly(
     equipment = equipment or Equipment.of(sonar)
     echoes = []
     for number, pose in enumerate(poses):
-        found = ping(
+        echo = ping(
             targets,
             sonar,
             air,
@@ -397,7 +397,7 @@ def fly(
             seed=seed,
             number=number,
         )
-        echoes.append(found)
+        echoes.append(echo)
         if progress:
             progress(number + 1, len(poses))
     return PingSeries(tuple(echoes))

@@ -107,8 +107,8 @@ class EchoReceiver:
         """(K,) the transducer's transfer function one way, on the grid of a transform of ``length``."""
         frequency = fft.rfftfreq(length, 1.0 / self.sonar.sample_rate)
         if self.transducer is not None:
-            found = fft.rfft(self.transducer.samples, length)
-            return np.asarray(found / np.abs(found).max())
+            transfer = fft.rfft(self.transducer.samples, length)
+            return np.asarray(transfer / np.abs(transfer).max())
         if not self.settings.resonance:
             return np.ones(len(frequency), dtype=np.complex128)
         turning = 1j * frequency * self.settings.bandwidth
@@ -123,17 +123,17 @@ class EchoReceiver:
 
     def density(self, frequency: np.ndarray) -> np.ndarray:
         """(K,) Pa²/Hz of noise from all sides and the receiver's own, before the transducer."""
-        settings, found = self.settings, np.zeros(len(frequency))
+        settings, density = self.settings, np.zeros(len(frequency))
         if settings.self_noise_db is not None:
             level = np.full(len(frequency), settings.self_noise_db)
             if settings.self_noise_shape:
                 level += np.interp(frequency, *np.transpose(settings.self_noise_shape))
-            found += MICRO**2 * 10.0 ** (level / 10.0)
+            density += MICRO**2 * 10.0 ** (level / 10.0)
         if settings.ambient != "none":
             low, high = MEASURED[settings.ambient]
             even = REFERENCE**2 * 10.0 ** (ambient_level(settings) / 10.0) / (high - low)
-            found += even * (high / np.maximum(frequency, high)) ** 2
-        return found
+            density += even * (high / np.maximum(frequency, high)) ** 2
+        return density
 
     @cached_property
     def band_noise(self) -> tuple[float, float]:
@@ -180,7 +180,7 @@ def receive(
     seed: int,
     *ping: int | str,
 ) -> Reception:
-    """Return what a receiver makes of echoes.
+    """Record that a receiver makes of echoes.
 
     waveforms : (E, N) re the call at 1 m. ears : (E, 3) metres, in the sonar's frame. sound_speed : m/s.
     seed, ping : of the noise: the scene's seed, and what tells this ping from all others.
@@ -218,7 +218,7 @@ def receive(
     recorded, clipped = converted(settings, sound * gain)
     even, filed = receiver.band_noise
     level = np.sqrt(even + filed / away**2)
-    found = _detections(settings, sonar, recorded / gain, level)
+    detections = _detections(settings, sonar, recorded / gain, level)
     cells = CELL * np.arange(int(np.ceil(count / rate * sound_speed / 2.0 / CELL)))
     first = np.ceil(cells * (2.0 * rate / sound_speed)).astype(np.int64)
     cells, first = cells[first < count], first[first < count]
@@ -229,9 +229,9 @@ def receive(
         snr_db=over(envelope.max(axis=1), level),
         range=cells + CELL / 2.0,
         range_snr_db=over(np.maximum.reduceat(envelope, first, axis=1), level[:, None]),
-        detection_ear=found[0],
-        detection_time=found[1] / rate,
-        detection_snr_db=found[2],
+        detection_ear=detections[0],
+        detection_time=detections[1] / rate,
+        detection_snr_db=detections[2],
         clipped=clipped,
     )
 

@@ -104,15 +104,15 @@ class Scatterers(RowTable, ABC):
         """The strength towards a point (3,)."""
 
     def count(self, instance: np.ndarray, some: np.ndarray) -> int:
-        """Return how many objects ``some`` (M,) bool of them are, each of an instance (M,)."""
+        """Number of objects that ``some`` (M,) bool of them are, each of an instance (M,)."""
         return int(np.count_nonzero(some))
 
     def count_close(self, instance: np.ndarray) -> int:
-        """Return how many are leaves nearer than ka²/2."""
+        """Number of leaves nearer than ka²/2."""
         return 0
 
     def count_doubtful(self, point: np.ndarray, wavenumber: float) -> int:
-        """Return how many are exact discs so large and so far off their normal that the formula for large
+        """Number of exact discs so large and so far off their normal that the formula for large
         ones is tens of per cent off."""
         return 0
 

@@ -148,10 +148,10 @@ class Extinction:
             return
         ahead = np.minimum(FARTHER * farthest[rows], 1.01 * self._station.sonar.max_range)
         ahead = np.maximum(ahead, farthest[rows])
-        found = self._meet(cells[rows], ahead)
+        met_leaves = self._meet(cells[rows], ahead)
         for number, row in enumerate(rows.tolist()):
-            some = found[0] == number
-            met = _Met(*(values[some] for values in found[1:]))
+            some = met_leaves[0] == number
+            met = _Met(*(values[some] for values in met_leaves[1:]))
             self._known[tuple(cells[row].tolist())] = (float(ahead[number]), met)
 
     def _meet(self, cells: np.ndarray, farthest: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -170,7 +170,7 @@ class Extinction:
         travelled = np.zeros(len(way))
         alive = np.flatnonzero(angle < math.pi)
         scene = self._rays.scene
-        found: list[tuple[np.ndarray, ...]] = []
+        columns: list[tuple[np.ndarray, ...]] = []
         for _ in range(MOST_LEAVES):
             if not len(alive):
                 break
@@ -188,13 +188,13 @@ class Extinction:
             ray = alive[leaf]
             radius = radius[leaf] * self._scale[instance[leaf]]
             distance = travelled[ray] - STEP
-            found.append(
+            columns.append(
                 (ray_cell[ray], distance, ray % self._side**2, radius, instance[leaf], number[leaf])
             )
             alive = alive[travelled[alive] < farthest[ray_cell[alive]]]
         none = (np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64), np.empty(0))
-        found.append((*none, np.empty(0, np.int64), np.empty(0, np.int64)))
-        return tuple(np.concatenate(column) for column in zip(*found, strict=True))
+        columns.append((*none, np.empty(0, np.int64), np.empty(0, np.int64)))
+        return tuple(np.concatenate(column) for column in zip(*columns, strict=True))
 
 
 def _leaf_radii(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:

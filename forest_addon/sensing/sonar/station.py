@@ -106,7 +106,7 @@ class Equipment:
         transducer: Call | None = None,
         noise: Call | None = None,
     ) -> Equipment:
-        """Return what the settings say; what they have in files is given.
+        """Receiver of the settings; what they have in files is given.
 
         transducer : the receiver's impulse response. noise : pascals that it hears.
 
@@ -210,10 +210,10 @@ class Station:
         library = kernels.library()
         if library is not None:
             shape = len(centre), len(ends)
-            found = EchoPaths(np.empty((len(centre), 3)), np.empty(shape), np.empty((*shape, 2)))
+            paths = EchoPaths(np.empty((len(centre), 3)), np.empty(shape), np.empty((*shape, 2)))
             given = len(centre), np.ascontiguousarray(centre), len(ends), ends, frames
-            library.trace_paths(*given, *vars(found).values())
-            return found
+            library.trace_paths(*given, *vars(paths).values())
+            return paths
         with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is told by who asks
             ways = centre - ends[:, None]
             away = np.linalg.norm(ways, axis=2)

@@ -57,15 +57,15 @@ def sum_echoes(
         largest.
     """
     some = panels(grid, station) if tolerance else [grid]
-    found = [_over(groups, station, part, tolerance, progress, weights) for part in some]
-    if len(found) == 1:
-        return found[0]
-    size = np.max([part.size for part in found], axis=0)
-    shares = [np.divide(part.size, size, out=np.zeros_like(size), where=size > 0) for part in found]
+    parts = [_over(groups, station, part, tolerance, progress, weights) for part in some]
+    if len(parts) == 1:
+        return parts[0]
+    size = np.max([part.size for part in parts], axis=0)
+    shares = [np.divide(part.size, size, out=np.zeros_like(size), where=size > 0) for part in parts]
     return EchoSum(
-        np.concatenate([part.spectrum for part in found], axis=-1),
-        max(p.error_bound * float(s.max()) for p, s in zip(found, shares, strict=True)),
-        max(part.table_error for part in found),
+        np.concatenate([part.spectrum for part in parts], axis=-1),
+        max(p.error_bound * float(s.max()) for p, s in zip(parts, shares, strict=True)),
+        max(part.table_error for part in parts),
         size,
     )
 
@@ -108,7 +108,7 @@ def _over(
             if tolerance > 0 and lowest < highest:
                 parts = heard.whole.strength.parts(lowest, highest)
             rows = parts.rows
-            found = sum_delayed(
+            delayed = sum_delayed(
                 partial(heard.of, parts),
                 (heard.length[rows] + parts.offset) / station.sound_speed,
                 grid.start,
@@ -120,9 +120,9 @@ def _over(
                 weights=None if weights is None else weights[number][rows],
                 ends=band,
             )
-            spectrum[ear] += found.spectrum
-            error[ear] += found.error * found.size
-            size[ear] += found.size
+            spectrum[ear] += delayed.spectrum
+            error[ear] += delayed.error * delayed.size
+            size[ear] += delayed.size
             done += len(group)
             if progress:
                 progress(done, total)
@@ -183,14 +183,14 @@ def moments_of(
     turn = 2.0 * math.pi * highest / first.station.sound_speed
     if turn * _changed(first, last) * call.duration <= STEADY:
         return [first]
-    found = [first, last]
+    moments = [first, last]
     # Blended from both sides, half way: a quarter of what one side alone is off at the other end.
-    while len(found) < MOST and any(
-        turn / 4 * _changed(a, b) * (b.time - a.time) > STEADY for a, b in pairwise(found)
+    while len(moments) < MOST and any(
+        turn / 4 * _changed(a, b) * (b.time - a.time) > STEADY for a, b in pairwise(moments)
     ):
-        between = [hear((a.time + b.time) / 2) for a, b in pairwise(found)]
-        found = [m for pair in zip(found, between, strict=False) for m in pair] + [last]
-    return found
+        between = [hear((a.time + b.time) / 2) for a, b in pairwise(moments)]
+        moments = [m for pair in zip(moments, between, strict=False) for m in pair] + [last]
+    return moments
 
 
 def _changed(one: Moment, other: Moment) -> float:
@@ -222,15 +222,15 @@ def pieces_of(call: Call, count: int) -> list[tuple[Call, float]]:
     """``count`` pieces of a call about evenly spaced times from its begin to its end, which add up to it,
     each with the seconds from its begin to its time."""
     step, rate = call.duration / (count - 1), call.sample_rate
-    time, found = np.arange(len(call.samples)) / rate, []
+    time, pieces = np.arange(len(call.samples)) / rate, []
     for number in range(count):
         away = (time - number * step) / step
         rows = np.flatnonzero(np.abs(away) < 1)
         if not len(rows):  # shorter than a sample
             rows = np.array([min(round(number * step * rate), len(time) - 1)])
         weight = np.cos(math.pi / 2 * np.clip(away[rows], -1, 1)) ** 2
-        found.append((Call(call.samples[rows] * weight, rate), number * step - rows[0] / rate))
-    return found
+        pieces.append((Call(call.samples[rows] * weight, rate), number * step - rows[0] / rate))
+    return pieces
 
 
 def played(moments: Sequence[Moment], grid: BandGrid, tolerance: float, call: Call) -> np.ndarray:
@@ -238,8 +238,8 @@ def played(moments: Sequence[Moment], grid: BandGrid, tolerance: float, call: Ca
     pieces = pieces_of(call, len(moments)) if len(moments) > 1 else [(call, 0.0)]
     total = np.zeros((len(moments[0].station.ear), grid.count), dtype=np.complex128)
     for moment, (piece, lead) in zip(moments, pieces, strict=True):
-        found = shifted_sum(moment.groups, moment.station, grid, tolerance, piece, lead)
-        total += found * np.exp(-2j * math.pi * np.remainder(grid.frequency * moment.time, 1.0))
+        spectrum = shifted_sum(moment.groups, moment.station, grid, tolerance, piece, lead)
+        total += spectrum * np.exp(-2j * math.pi * np.remainder(grid.frequency * moment.time, 1.0))
     return total
 
 

@@ -123,7 +123,7 @@ class EchoTargets:
         return self._stands[key]
 
     def total(self, sonar: Sonar, kind: str | None = None) -> int:
-        """Return how many scatterers there are, of one kind or of all; wood and facets before they are
+        """Number of scatterers, of one kind or of all; wood and facets before they are
         cut."""
         return sum(
             len(stand.population) * len(stand.instance)

@@ -243,10 +243,10 @@ class BentMesh:
         best, away = np.zeros(len(points), np.int64), np.full(len(points), np.inf)
         for number in distinct(kind).tolist():
             rows = np.flatnonzero(kind == number)
-            for found in rows[_nearest(points, middle[rows])].T:
-                far = _away(points, corners[found])
+            for triangle in rows[_nearest(points, middle[rows])].T:
+                far = _away(points, corners[triangle])
                 nearer = far < away
-                best[nearer], away[nearer] = found[nearer], far[nearer]
+                best[nearer], away[nearer] = triangle[nearer], far[nearer]
         return self._triangles[best]
 
 
@@ -337,8 +337,8 @@ def _nearest(points: np.ndarray, among: np.ndarray) -> np.ndarray:
     many = min(AROUND, len(among))
     if not many or not len(points):
         return np.zeros((len(points), many), np.int64)
-    found = cKDTree(among).query(np.nan_to_num(points), k=many)[1]
-    return np.asarray(found).reshape(len(points), many)
+    nearest = cKDTree(among).query(np.nan_to_num(points), k=many)[1]
+    return np.asarray(nearest).reshape(len(points), many)
 
 
 def _proper(linear: np.ndarray) -> np.ndarray:

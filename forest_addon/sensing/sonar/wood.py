@@ -81,13 +81,13 @@ class CylinderStrength(Strength):
         k = wavenumber[:, None]
         library = kernels.library()
         if library is not None:
-            found = np.empty((len(wavenumber), len(size)), np.complex128)
+            amplitude = np.empty((len(wavenumber), len(size)), np.complex128)
             given = (len(wavenumber), wavenumber, len(size), size, turn, level, self.wave, self.end)
-            library.cylinders(*given, LARGEST, np.array([_bend()]), *_tables(), found)
-            return found
+            library.cylinders(*given, LARGEST, np.array([_bend()]), *_tables(), amplitude)
+            return amplitude
         waves = [_backscatter(k * size, wave) for wave in WAVES]
-        found = np.sinc(k * (turn / math.pi)) * np.conj(np.choose(self.wave, waves)) * level
-        return np.where(self.end, found * (1j / k), found)
+        amplitude = np.sinc(k * (turn / math.pi)) * np.conj(np.choose(self.wave, waves)) * level
+        return np.where(self.end, amplitude * (1j / k), amplitude)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         size = _largest_backscatter(highest * self.radius * self.sine)
@@ -292,7 +292,7 @@ def _largest_backscatter(size: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _bend() -> complex:
-    """Return what S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
+    """Change of S/√ka, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
     half, last = (
         _table("whole").at(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5)
         for x in (LARGEST / 2, LARGEST)

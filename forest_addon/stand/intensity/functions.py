@@ -374,26 +374,26 @@ def _refuse_crossings(
     every = np.arange(len(start))
     rows = max(1, CHUNK // len(start))
     for first in range(0, len(start), rows):
-        mine = every[first : first + rows]
-        a, b = start[mine, None], end[mine, None]
+        some_edges = every[first : first + rows]
+        a, b = start[some_edges, None], end[some_edges, None]
         c, d = start[None], end[None]  # closed segments ab and cd have a point in common:
         meet = (
             (np.minimum(a, b) <= np.maximum(c, d)) & (np.minimum(c, d) <= np.maximum(a, b))
         ).all(-1)
         meet &= (_side(a, b, c) * _side(a, b, d) <= 0) & (_side(c, d, a) * _side(c, d, b) <= 0)
         # Neighbours share a corner; they may not fold back over each other.
-        after = follower[mine, None] == every
-        before = follower == mine[:, None]
+        after = follower[some_edges, None] == every
+        before = follower == some_edges[:, None]
         other = np.where(after[..., None], end[None], start[None])
         own, shared = np.where(after[..., None], a, b), np.where(after[..., None], b, a)
         folded = (_side(shared, own, other) == 0) & (
             ((own - shared) * (other - shared)).sum(axis=2) > 0
         )
         bad = np.where(after ^ before, folded, meet & ~(after | before))
-        bad[np.arange(len(mine)), mine] = False
+        bad[np.arange(len(some_edges)), some_edges] = False
         if bad.any():
             i, j = np.argwhere(bad)[0]
-            edges = [(start[k] + origin).tolist() for k in (mine[i], j)]
+            edges = [(start[k] + origin).tolist() for k in (some_edges[i], j)]
             raise IntensityError(
                 f"{name}: the edges from {edges[0]} and from {edges[1]} cross or touch; "
                 "give the corners in order around the window"
@@ -417,9 +417,9 @@ def _odd(start: np.ndarray, end: np.ndarray, places: np.ndarray) -> np.ndarray:
         row = slice(first[edge], last[edge])
         along, rise = above[edge] - below[edge]
         odd[row] ^= below[edge, 0] + (y[row] - below[edge, 1]) * (along / rise) < x[row]
-    found = np.empty_like(odd)
-    found[order] = odd
-    return found
+    unsorted = np.empty_like(odd)
+    unsorted[order] = odd
+    return unsorted
 
 
 def _clip(ring: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -247,8 +247,10 @@ class IntensitySurface:
     def interpolate(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """(N,) values (V,) of the vertices, linear over the topmost triangles; NaN off the surface."""
         triangle, _ = self.locate(points)
-        found = (self.weights(points, triangle) * values[self.triangles[triangle]]).sum(axis=1)
-        return np.where(triangle >= 0, found, np.nan)
+        interpolated = (self.weights(points, triangle) * values[self.triangles[triangle]]).sum(
+            axis=1
+        )
+        return np.where(triangle >= 0, interpolated, np.nan)
 
     def gradients(self, values: np.ndarray) -> np.ndarray:
         """(T, 2) derivatives along x and y of values (V,) over each triangle; 0 for those on edge."""

@@ -227,8 +227,8 @@ def overlaps(image: np.ndarray) -> np.ndarray:
     """
     rows, columns = image.shape
     power = np.abs(np.fft.rfft2(image, (2 * rows, 2 * columns))) ** 2
-    found = np.fft.irfft2(power, (2 * rows, 2 * columns))
-    return np.roll(found, (rows - 1, columns - 1), axis=(0, 1))[:-1, :-1]
+    product = np.fft.irfft2(power, (2 * rows, 2 * columns))
+    return np.roll(product, (rows - 1, columns - 1), axis=(0, 1))[:-1, :-1]
 
 
 def _triangle(distance: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -325,8 +325,8 @@ def choose_bandwidth(points: np.ndarray, window: Window) -> float:
         if len(losses) - 1 - best == WORSE:
             break
     high, low = steps[max(best - 1, 0)], steps[min(best + 1, len(steps) - 1)]
-    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 0.02})
-    return float(np.exp(found.x if found.fun < losses[best] else steps[best]))
+    minimum = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 0.02})
+    return float(np.exp(minimum.x if minimum.fun < losses[best] else steps[best]))
 
 
 def _estimate(points: np.ndarray, window: Window, sigma: float) -> KernelEstimate:
@@ -555,7 +555,7 @@ class _Data:
         )
         low, high = np.array(bounds).T
         first = np.concatenate([[np.log(start.base)] if based else [], start.hill.ravel()])
-        found = minimize(
+        minimum = minimize(
             lambda theta: self._loss(theta, based),
             np.clip(first, low, high),
             jac=True,
@@ -563,9 +563,9 @@ class _Data:
             bounds=bounds,
             options={"maxiter": iterations, "ftol": 1e-10, "gtol": 1e-6, "maxcor": 20},
         )
-        base = float(np.exp(found.x[0])) if based else 0.0
+        base = float(np.exp(minimum.x[0])) if based else 0.0
         # At a maximum ∫λ = n; setting it so only removes what the last step left.
-        fit = _Fit(base, found.x[based:].reshape(-1, 5), 0.0).scaled(count)
+        fit = _Fit(base, minimum.x[based:].reshape(-1, 5), 0.0).scaled(count)
         theta = np.concatenate([[np.log(fit.base)] if based else [], fit.hill.ravel()])
         return _Fit(fit.base, fit.hill, -self._loss(theta, based)[0] * count)
 

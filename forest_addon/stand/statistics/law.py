@@ -478,8 +478,8 @@ def fit_clusters(k: KFunction, kind: str = "thomas") -> Clusters:
 
     def contrast(logs: np.ndarray) -> float:
         groups, spread = bounded(logs)
-        found = k_of_clusters(k.radius, Clusters(kind=kind, groups=groups, spread=spread))
-        return float(np.square(root - found**0.25).sum())
+        k_of_law = k_of_clusters(k.radius, Clusters(kind=kind, groups=groups, spread=spread))
+        return float(np.square(root - k_of_law**0.25).sum())
 
     tries = [
         minimize(contrast, np.log([1 / excess.max(), share * k.radius[-1]]), method="Nelder-Mead")
@@ -529,8 +529,8 @@ def fit_strauss(
 
         gamma, gain = 0.0, -len(inner) * np.log(area[0]) - plain
         if near:
-            found = minimize_scalar(lost, bounds=(-12.0, 0.0), method="bounded")
-            gamma, gain = float(np.exp(float(found.x))), -float(found.fun) - plain
+            minimum = minimize_scalar(lost, bounds=(-12.0, 0.0), method="bounded")
+            gamma, gain = float(np.exp(float(minimum.x))), -float(minimum.fun) - plain
         if gain > most:
             best, most = Strauss(radius=float(radius), gamma=min(gamma, 1.0)), gain
     return best, most

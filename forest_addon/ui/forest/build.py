@@ -112,10 +112,10 @@ def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
     for name, where in named:
         if name and (name, where) not in _digests:
             painted = where.endswith("painted")
-            found: Any = (read_painted if painted else read_terrain)(name, depsgraph, where)
-            found = found if painted else found.surface
-            weight = found.weight if painted else None
-            _digests[name, where] = _digest(found.vertices, found.triangles, weight)
+            surface: Any = (read_painted if painted else read_terrain)(name, depsgraph, where)
+            surface = surface if painted else surface.surface
+            weight = surface.weight if painted else None
+            _digests[name, where] = _digest(surface.vertices, surface.triangles, weight)
         parts.append(_digests.get((name, where), ""))
     return hashlib.blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
 
@@ -199,7 +199,7 @@ def _forget_changed(depsgraph: bpy.types.Depsgraph) -> None:
 
 
 def _settle() -> float | None:
-    """Return what is done when it has been quiet: seconds until the next look, None when there is nothing
+    """Timer's work when it has been quiet: seconds until the next look, None when there is nothing
     more."""
     left = _due - time.monotonic()
     if left > 0:

@@ -140,23 +140,23 @@ def clear_spot(planting: Any, place: Place, radius: float = SPOT) -> None:
     disc.position, disc.radius = place, radius
 
 
-def copy_of(thing: bpy.types.Object) -> tuple[str, int] | None:
+def copy_of(obj: bpy.types.Object) -> tuple[str, int] | None:
     """Return the planting and variant of which an object is a copy that somebody made; None: of none."""
-    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
-    if thing.type != "MESH" or is_ours(thing):
+    part, _, name = str(obj.get(ROLE_KEY, "")).partition("/")
+    if obj.type != "MESH" or is_ours(obj):
         return None
     if part == VARIANTS:
-        return variant_copied(thing)
-    if part == TREES and STOOD_KEY in thing:
-        return name.rpartition(" ")[0], int(thing[STOOD_KEY][4])
+        return variant_copied(obj)
+    if part == TREES and STOOD_KEY in obj:
+        return name.rpartition(" ")[0], int(obj[STOOD_KEY][4])
     return None
 
 
-def variant_copied(thing: bpy.types.Object) -> tuple[str, int] | None:
+def variant_copied(obj: bpy.types.Object) -> tuple[str, int] | None:
     """Return planting and number of the variant that an object is, here or in another file; None: of none."""
-    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
+    part, _, name = str(obj.get(ROLE_KEY, "")).partition("/")
     label, _, number = name.rpartition(".")
-    is_one = thing.type == "MESH" and part == VARIANTS and number.isdecimal()
+    is_one = obj.type == "MESH" and part == VARIANTS and number.isdecimal()
     return (label, int(number)) if is_one else None
 
 
@@ -166,9 +166,9 @@ def swap_tree(planting: Any, tree: StoodTree) -> None:
     set_tree(planting, tree, number)
     role = f"{VARIANTS}/{tree.label}.{number:03d}"
     home = find_part(planting.id_data, VARIANTS)
-    for thing in home.objects if home is not None else ():  # else it comes with the forest
-        if thing.get(ROLE_KEY) == role and tree.thing is not None:
-            tree.thing.data = thing.data
+    for obj in home.objects if home is not None else ():  # else it comes with the forest
+        if obj.get(ROLE_KEY) == role and tree.obj is not None:
+            tree.obj.data = obj.data
 
 
 def take_away(planting: Any, tree: StoodTree) -> None:
@@ -184,7 +184,7 @@ class _OfSelected(Button):
         (
             lambda context: (
                 context.mode == "OBJECT"
-                and any(STOOD_KEY in thing for thing in context.selected_objects)
+                and any(STOOD_KEY in obj for obj in context.selected_objects)
             ),
             NO_TREES,
         ),
@@ -196,7 +196,7 @@ class _OfSelected(Button):
         trees = [
             tree
             for tree in stood_trees(context.scene)
-            if tree.thing in chosen and tree.label in known
+            if tree.obj in chosen and tree.label in known
         ]
         for tree in trees:
             self.change(known[tree.label], tree)
@@ -244,18 +244,18 @@ class FOREST_OT_adopt_trees(_OfSelected, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> str | None:
         known, planted = plantings_by_label(context.scene), []
-        for thing in context.selected_objects:
-            label, variant = copy_of(thing) or ("", 0)
+        for obj in context.selected_objects:
+            label, variant = copy_of(obj) or ("", 0)
             if label not in known or variant >= known[label].variants:
                 continue
-            place, turn, size = thing.matrix_world.decompose()
+            place, turn, size = obj.matrix_world.decompose()
             turned = np.rad2deg(turn.to_euler().z)
             add_tree(known[label], place[:2], turned, sum(size) / 3, variant)
-            planted.append(thing)
+            planted.append(obj)
         if not planted:
             self.report({"WARNING"}, say("No planting of this forest has these trees"))
             return None
-        data = {thing.data for thing in planted}
+        data = {obj.data for obj in planted}
         bpy.data.batch_remove(planted)
         bpy.data.batch_remove([mesh for mesh in data if not mesh.users])  # the browser copies them
         context.scene.update_tag()
@@ -266,7 +266,7 @@ class FOREST_OT_adopt_trees(_OfSelected, bpy.types.Operator):
 
 def draw_menu(menu: Any, context: bpy.types.Context) -> None:
     """Draw what can be done with selected trees, in the context menu of objects."""
-    stand = any(STOOD_KEY in thing for thing in context.selected_objects)
+    stand = any(STOOD_KEY in obj for obj in context.selected_objects)
     copied = any(map(copy_of, context.selected_objects))
     names = ["lock_trees", "swap_trees", "remove_trees"] * stand + ["adopt_trees"] * copied
     if names:
@@ -393,8 +393,8 @@ class Hand:
             return
         number = self.trees.index(tree)
         now = tree if place is None else replace(tree, place=place)
-        if tree.thing is not None and place is not None:
-            tree.thing.location[:2] = place
+        if tree.obj is not None and place is not None:
+            tree.obj.location[:2] = place
         how(known[tree.label], now)
         if how is take_away:
             self.cleared.append((*tree.planted, 0.5))
@@ -432,11 +432,11 @@ def _put_away(*_: object) -> None:
     global _in_hand
     if not _in_hand or bpy.context.mode == PAINTING:
         return
-    thing = bpy.data.objects.get(_in_hand)
+    obj = bpy.data.objects.get(_in_hand)
     _in_hand = ""
     see_through(False)
-    if thing is not None and intensity.CANVAS_KEY in thing:  # in another file it may be anything
-        intensity.show_canvas(thing, painted=False)
+    if obj is not None and intensity.CANVAS_KEY in obj:  # in another file it may be anything
+        intensity.show_canvas(obj, painted=False)
 
 
 class FOREST_OT_paint(Button, bpy.types.Operator):
@@ -457,14 +457,14 @@ class FOREST_OT_paint(Button, bpy.types.Operator):
             bpy.ops.object.mode_set(mode="OBJECT")
             _put_away()
             return ""
-        thing = self._canvas(context)
+        obj = self._canvas(context)
         planting = chosen_planting(context.scene.forest_sensing)
-        layer = intensity.layer_of(thing, _layer_name(planting, thing))
-        planting.painted = f"{thing.name}:{layer.name}"
-        select(context, thing)
+        layer = intensity.layer_of(obj, _layer_name(planting, obj))
+        planting.painted = f"{obj.name}:{layer.name}"
+        select(context, obj)
         bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
-        intensity.show_canvas(thing, painted=True)
-        _in_hand = thing.name
+        intensity.show_canvas(obj, painted=True)
+        _in_hand = obj.name
         see_through(True)
         return say("Paint where trees stand; Done ends it, Grow Forest plants them")
 
@@ -485,17 +485,17 @@ class FOREST_OT_paint(Button, bpy.types.Operator):
         site = with_objects(site, context.evaluated_depsgraph_get())
         home = part(context.scene, INTENSITY)
         known = (t for t in home.objects if intensity.CANVAS_KEY in t and t.type == "MESH")
-        thing = next(known, None) or intensity.new_canvas(NAME, home)
-        intensity.lay(thing, settings.forest, site.ground)
-        return thing
+        obj = next(known, None) or intensity.new_canvas(NAME, home)
+        intensity.lay(obj, settings.forest, site.ground)
+        return obj
 
 
-def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
+def _layer_name(planting: Any, obj: bpy.types.Object) -> str:
     """The layer that the planting has on the canvas, or the name for one of its own."""
-    if planting.painted_pointer == thing and planting.painted_layer in thing.vertex_groups:
+    if planting.painted_pointer == obj and planting.painted_layer in obj.vertex_groups:
         return str(planting.painted_layer)
     stem = Path(planting.species).stem or "trees"
-    return free_name(stem, " ", "", thing.vertex_groups.__contains__)
+    return free_name(stem, " ", "", obj.vertex_groups.__contains__)
 
 
 HANDLERS = (("depsgraph_update_post", _put_away),)

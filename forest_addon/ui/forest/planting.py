@@ -181,8 +181,8 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         """Go on with a stroke."""
         props, hand, xy = context.scene.forest_sensing, self.hand, tuple(place[:2])
         if self.stroke == "move":
-            if self.moved is not None and self.moved.thing is not None:
-                self.moved.thing.location[:2] = xy
+            if self.moved is not None and self.moved.obj is not None:
+                self.moved.obj.location[:2] = xy
             self.last = place
             return
         if (place - self.last).length < STEP * props.plant_radius:
@@ -231,7 +231,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
             self.grew = current()
 
     def _below(self, context: bpy.types.Context, event: bpy.types.Event) -> Vector | None:
-        """Return where the ground is below the mouse, None beside the view."""
+        """Place of the ground below the mouse, None beside the view."""
         region, x, y = region_of(self.area, "WINDOW"), event.mouse_x, event.mouse_y
         if [r for r in self.area.regions if r.width > 1 and holds(r, x, y)] != [region]:
             return None
@@ -260,24 +260,24 @@ def is_planting() -> bool:
 
 
 def _ground_seen(context: bpy.types.Context, region: bpy.types.Region, mouse: Any) -> Vector | None:
-    """Return where the ground is below (x, y) of a region."""
+    """Place of the ground below (x, y) of a region."""
     view = region.data
     begin = region_2d_to_origin_3d(region, view, mouse)
     return ground_below(context, begin, region_2d_to_vector_3d(region, view, mouse))
 
 
 def ground_below(context: bpy.types.Context, begin: Vector, way: Vector) -> Vector | None:
-    """Return where a line meets the ground of the forest, or the level of flat ground; else None."""
+    """Place where a line meets the ground of the forest, or the level of flat ground; else None."""
     terrain = context.scene.forest_sensing.forest.terrain
     home = find_part(context.scene, GROUND_NAME)
     things = [t for t in home.objects if t.get(ROLE_KEY) == GROUND_ROLE] if home else []
-    for thing in (terrain.object_pointer, *things):
-        if thing is None or thing.type != "MESH":
+    for obj in (terrain.object_pointer, *things):
+        if obj is None or obj.type != "MESH":
             continue
-        back = thing.matrix_world.inverted_safe()
-        hit, place, _, _ = thing.ray_cast(back @ begin, back.to_3x3() @ way)
+        back = obj.matrix_world.inverted_safe()
+        hit, place, _, _ = obj.ray_cast(back @ begin, back.to_3x3() @ way)
         if hit:
-            return thing.matrix_world @ place
+            return obj.matrix_world @ place
     if abs(way.z) < 1e-9 or (terrain.base - begin.z) / way.z <= 0:
         return None
     return begin + way * ((terrain.base - begin.z) / way.z)
@@ -343,21 +343,21 @@ class FOREST_OT_plant_dropped(bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        thing = context.view_layer.objects.active
-        if thing is None or obstacle(context):
+        obj = context.view_layer.objects.active
+        if obj is None or obstacle(context):
             return {"CANCELLED"}
-        if self.foreign and not is_of_forest(thing, context.scene):
+        if self.foreign and not is_of_forest(obj, context.scene):
             told = say(
                 "{name} is a tree of another file and stays an object, which sensors meet as it is; "
                 "add its species to the forest to plant it",
-                name=thing.name,
+                name=obj.name,
             )
             self.report({"INFO"}, told)
             return {"FINISHED"}
         area, region = region_below(context.window, event.mouse_x, event.mouse_y)
-        with context.temp_override(area=area, region=region, selected_objects=[thing]):
+        with context.temp_override(area=area, region=region, selected_objects=[obj]):
             if region is not None:
-                _stand_below(bpy.context, thing)
+                _stand_below(bpy.context, obj)
                 context.view_layer.update()
             bpy.ops.forest.adopt_trees()
         return {"FINISHED"}
@@ -368,24 +368,24 @@ def hear_drop(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Have a tree planted if it is what Blender did last."""
     global _known
     done = bpy.context.window_manager.operators
-    thing = depsgraph.view_layer.objects.active
-    if not len(done) or thing is None or thing.session_uid == _known:
+    obj = depsgraph.view_layer.objects.active
+    if not len(done) or obj is None or obj.session_uid == _known:
         return
     foreign = done[-1].bl_idname in FOREIGN
     if not foreign and done[-1].bl_idname != LOCAL:
         return
-    is_tree = is_foreign_tree(thing) if foreign else copy_of(thing) is not None
+    is_tree = is_foreign_tree(obj) if foreign else copy_of(obj) is not None
     if not is_tree or not (foreign or scene.forest_sensing.plant_grows):
         return
-    _known = thing.session_uid
+    _known = obj.session_uid
     bpy.app.timers.register(plant_dropped, first_interval=SOON)
 
 
 def plant_dropped() -> None:
     """Plant the tree that was dropped last, and grow the forest."""
     for window in bpy.context.window_manager.windows:
-        thing = window.view_layer.objects.active
-        if thing is None or thing.session_uid != _known:
+        obj = window.view_layer.objects.active
+        if obj is None or obj.session_uid != _known:
             continue
         done = bpy.context.window_manager.operators
         foreign = bool(len(done)) and done[-1].bl_idname in FOREIGN
@@ -394,40 +394,40 @@ def plant_dropped() -> None:
         return
 
 
-def is_foreign_tree(thing: bpy.types.Object) -> bool:
+def is_foreign_tree(obj: bpy.types.Object) -> bool:
     """Return whether an object from another file is a tree of ours: a variant of a forest, or of a library of
     species."""
-    home = thing.instance_collection
-    meshes = [t.data for t in home.objects] if home is not None else [thing.data]
-    said = [*(mesh for mesh in meshes if mesh is not None), thing]
-    return any(ASSET_KEY in block for block in said) or _role(thing).startswith(f"{VARIANTS}/")
+    home = obj.instance_collection
+    meshes = [t.data for t in home.objects] if home is not None else [obj.data]
+    said = [*(mesh for mesh in meshes if mesh is not None), obj]
+    return any(ASSET_KEY in block for block in said) or _role(obj).startswith(f"{VARIANTS}/")
 
 
-def is_of_forest(thing: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+def is_of_forest(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
     """Return whether a tree from another file is the same as the variant of its name in this forest."""
-    known = variant_copied(thing)
-    mesh = by_role(bpy.data.meshes).get(_role(thing)) if known is not None else None
-    own = scene.forest_sensing.plant_grows and thing.data is not None
-    return bool(own and mesh and mesh.get(SHAPE_KEY, "") == thing.data.get(SHAPE_KEY))
+    known = variant_copied(obj)
+    mesh = by_role(bpy.data.meshes).get(_role(obj)) if known is not None else None
+    own = scene.forest_sensing.plant_grows and obj.data is not None
+    return bool(own and mesh and mesh.get(SHAPE_KEY, "") == obj.data.get(SHAPE_KEY))
 
 
-def _role(thing: bpy.types.Object) -> str:
-    return str(thing.get(ROLE_KEY, ""))
+def _role(obj: bpy.types.Object) -> str:
+    return str(obj.get(ROLE_KEY, ""))
 
 
-def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+def _stand_below(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Stand a tree upright where the mouse pointed at the ground.
 
     Blender sets the middle of the box's bottom on the first face below the mouse, which may be of a crown.
     """
-    low, high = thing.bound_box[0], thing.bound_box[6]
+    low, high = obj.bound_box[0], obj.bound_box[6]
     bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
     region = context.region
-    mouse = location_3d_to_region_2d(region, region.data, thing.matrix_world @ bottom)
+    mouse = location_3d_to_region_2d(region, region.data, obj.matrix_world @ bottom)
     place = None if mouse is None else _ground_seen(context, region, mouse)
     if place is not None:
-        thing.rotation_euler[:2] = 0.0, 0.0
-        thing.location = place
+        obj.rotation_euler[:2] = 0.0, 0.0
+        obj.location = place
 
 
 WINDOW_HANDLERS = (

@@ -145,9 +145,9 @@ def write_scene(scene: bpy.types.Scene, path: Path) -> str:
 def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tuple[str, str]:
     """The .blend file that a scene file starts from, if it needs one, and what is wanting."""
     others = sorted(
-        thing.name
-        for thing in scene.objects
-        if may_be_met(thing) and not is_ours(thing) and not thing.get(IGNORED_KEY)
+        obj.name
+        for obj in scene.objects
+        if may_be_met(obj) and not is_ours(obj) and not obj.get(IGNORED_KEY)
     )
     others += sorted(
         {value for name, value in _all_in(settings) if name in OF_OBJECTS and value} - set(others)

@@ -116,7 +116,7 @@ def draw_gallery(layout: bpy.types.UILayout, operator: str) -> None:
 
 
 def words_of(preset: str) -> str:
-    """Return what one does with a preset, in a sentence; empty where the gallery does not show it."""
+    """Sentence on what one does with a preset; empty where the gallery does not show it."""
     return next((label(card.words) for card in GALLERY if card.preset == preset), "")
 
 

@@ -153,8 +153,8 @@ class FOREST_PT_grown(OfData, bpy.types.Panel):
         row.operator("forest.grow_again", text="New Seed", icon="ADD").new_seed = True
 
 
-def _is_grown(thing: bpy.types.Object | None) -> bool:
-    return thing is not None and thing.type == "MESH" and bool(thing.data.forest_grown.grown)
+def _is_grown(obj: bpy.types.Object | None) -> bool:
+    return obj is not None and obj.type == "MESH" and bool(obj.data.forest_grown.grown)
 
 
 def _grow(

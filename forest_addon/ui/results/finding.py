@@ -68,7 +68,7 @@ def pack(sensor: Sensor, found: Finding, offset: Offset) -> bytes:
 
 
 def unpack(data: bytes) -> Unpacked:
-    """Return what was packed: settings, finding, offset; of an echo without what is ``LEFT_OUT``."""
+    """Settings, finding and offset that were packed; of an echo without what is ``LEFT_OUT``."""
     sensor, found, offset = read_values(io.BytesIO(data), _records().__getitem__)
     return sensor, found, offset
 
@@ -147,7 +147,7 @@ def keep_forest(
 
 def keep_finding(
     context: bpy.types.Context,
-    thing: bpy.types.Object,
+    obj: bpy.types.Object,
     sensor: Sensor,
     found: Finding,
     seconds: float,
@@ -173,14 +173,14 @@ def keep_finding(
     title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
     picture = images.show(title, plot) if plot else None
     sound = None
-    if record.is_response and record.sound is not None and thing.type == "SPEAKER":
-        sound = give_sound(thing, sensor.name, *record.sound(sensor, found))
-    earlier = props.results.get(thing.name)
+    if record.is_response and record.sound is not None and obj.type == "SPEAKER":
+        sound = give_sound(obj, sensor.name, *record.sound(sensor, found))
+    earlier = props.results.get(obj.name)
     left = blocks_of(earlier) if earlier is not None else []
     result = _note(  # what needs disk space is done
-        props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
+        props, obj.name, sensor.kind, obj.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
-    thing[SENSOR_KEY] = thing.name
+    obj[SENSOR_KEY] = obj.name
     result.summary.value = sentence
     result.summary.made_of = sentence.made_of if isinstance(sentence, Kept) else ""
     result.picture, result.caption = picture, label_kept(plot.caption) if plot else ""
@@ -210,7 +210,7 @@ def keep_finding(
 
 
 def in_words(figures: list[Figure]) -> Words:
-    """Return what the panel shows of figures; kept in English, said in the language when it is read."""
+    """Lines of figures for the panel; kept in English, said in the language when they are read."""
     return {
         keep(each.short): keep(each.pattern, **each.values) if each.pattern else each.text
         for each in figures
@@ -254,7 +254,7 @@ def plain(value: float, unit: str) -> str:
 
 
 def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
-    """Return what the points of a cloud can be labelled by when they are exported."""
+    """Labels that points of a cloud can have when they are exported."""
     return {
         "OBJECT": labels_by_object(cloud.returns, geometry),
         "SPECIES": labels_by_species(cloud.returns, species),

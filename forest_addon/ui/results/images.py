@@ -59,8 +59,8 @@ def ticks(axis: Axis, most: int) -> list[float]:
     if axis.log:
         low, high = math.floor(math.log10(axis.low)), math.ceil(math.log10(axis.high))
         round_ones = [factor * 10.0**power for power in range(low, high) for factor in (1, 2, 5)]
-        found = [value for value in round_ones if axis.low <= value <= axis.high]
-        return found[:: -(-len(found) // most)] if found else [axis.low]
+        values = [value for value in round_ones if axis.low <= value <= axis.high]
+        return values[:: -(-len(values) // most)] if values else [axis.low]
     span = axis.high - axis.low
     if not span > 0:
         return [axis.low]
@@ -173,10 +173,10 @@ def _small(plot: Plot) -> np.ndarray:
     rows, columns = (
         np.arange(max(1, ICON * n // longest)) * longest // ICON for n in pixels.shape[:2]
     )
-    found = np.full((ICON, ICON, 3), GROUND)
+    icon = np.full((ICON, ICON, 3), GROUND)
     top, left = (ICON - len(rows)) // 2, (ICON - len(columns)) // 2
-    found[top : top + len(rows), left : left + len(columns)] = pixels[np.ix_(rows, columns)]
-    return found
+    icon[top : top + len(rows), left : left + len(columns)] = pixels[np.ix_(rows, columns)]
+    return icon
 
 
 def _with_alpha(colours: np.ndarray) -> np.ndarray:

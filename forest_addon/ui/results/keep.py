@@ -102,10 +102,10 @@ def show_frame(scene: bpy.types.Scene) -> None:
         now = scene.frame_current
         before = [each for each in result.frames if each.frame <= now]
         each = before[-1] if before else result.frames[0]
-        thing = scene.objects.get(result.shown)
-        ours = thing is not None and CLOUD_KEY in thing and FRAME_KEY in thing.data
-        if ours and each.points is not None and thing.data != each.points:
-            thing.data = each.points
+        obj = scene.objects.get(result.shown)
+        ours = obj is not None and CLOUD_KEY in obj and FRAME_KEY in obj.data
+        if ours and each.points is not None and obj.data != each.points:
+            obj.data = each.points
         speaker = scene.objects.get(result.name)
         if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
             speaker.data.sound = each.sound
@@ -134,13 +134,13 @@ SENSOR_KEY = "forest_result"  # on a sensor: the name of its result
 def follow_names(scene: bpy.types.Scene) -> None:
     """Rename results whose sensor has another name by now."""
     results = scene.forest_sensing.results
-    for thing in sensors_of(scene):
-        told, name = thing.get(SENSOR_KEY, thing.name), thing.name
+    for obj in sensors_of(scene):
+        told, name = obj.get(SENSOR_KEY, obj.name), obj.name
         if told != name and told in scene.objects:  # it is a copy
-            del thing[SENSOR_KEY]
+            del obj[SENSOR_KEY]
         elif told in results and name not in results:
             _rename(scene, results[told], name)
-            thing[SENSOR_KEY] = name
+            obj[SENSOR_KEY] = name
 
 
 def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
@@ -181,13 +181,13 @@ class FOREST_OT_show_result(Reading, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> str:
         results = context.scene.forest_sensing.results
-        thing = points_of(results[self.result]) if self.result in results else None
-        if thing is None:
+        obj = points_of(results[self.result]) if self.result in results else None
+        if obj is None:
             raise ValueError(
                 say("{name} has no points here. Run its sensor again", name=self.result)
             )
-        if thing.visible_get():
-            thing.hide_set(True)
+        if obj.visible_get():
+            obj.hide_set(True)
         else:
             show_result(context, results[self.result], self.more)
         return ""
@@ -199,7 +199,7 @@ def points_of(result: Any) -> bpy.types.Object | None:
 
 
 def record_of(result: Any) -> Any:
-    """Return what there is to know of results of this kind; None of the forest, and of no result."""
+    """Record of results of this kind; None of the forest, and of no result."""
     from ...results.kinds import RESULTS as KINDS_OF_RESULTS
 
     return None if result is None else KINDS_OF_RESULTS.get(result.kind)
@@ -207,11 +207,11 @@ def record_of(result: Any) -> Any:
 
 def show_result(context: bpy.types.Context, result: Any, more: bool = False) -> None:
     """Show the points of a result, and hide those of others. more : those stay as they are."""
-    thing = points_of(result)
-    if thing is None:
+    obj = points_of(result)
+    if obj is None:
         return
-    show(context, thing)  # not selected: all points would be orange
+    show(context, obj)  # not selected: all points would be orange
     for other in () if more else context.scene.forest_sensing.results:
         points = points_of(other)
-        if points is not None and points != thing and CLOUD_KEY in points and points.visible_get():
+        if points is not None and points != obj and CLOUD_KEY in points and points.visible_get():
             points.hide_set(True)

@@ -212,11 +212,11 @@ class FOREST_OT_select_result(Reading, bpy.types.Operator):
     shown: bpy.props.StringProperty(options={"HIDDEN"})
 
     def act(self, context: bpy.types.Context) -> str:
-        thing = context.scene.objects.get(self.shown)
-        if thing is None:
+        obj = context.scene.objects.get(self.shown)
+        if obj is None:
             problem = say("{name} is no longer in the scene. Run its sensor again", name=self.shown)
             raise ValueError(problem)
-        select(context, thing)
+        select(context, obj)
         return ""
 
 
@@ -244,7 +244,7 @@ class FOREST_OT_play(Reading, bpy.types.Operator):
 
 
 def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
-    """Return what a result sounds like: (N, C) samples and their rate, as its WAV has them; None: like
+    """Sound of a result: (N, C) samples and their rate, as its WAV has them; None: like
     nothing, or nothing of it is kept.
 
     An echo is slowed down; a reverb is what the scene's dry sound becomes in the forest.

@@ -194,31 +194,31 @@ OUTER = 1e4  # m from which one looks down for ground
 def put(context: bpy.types.Context, which: str) -> bpy.types.Object:
     """Add a sensor of ``STARTS`` at the 3D cursor, choose it, and return its object."""
     start, around = STARTS[which], around_cursor(context)
-    thing = add_sensor(context.scene, start.settings(around))
-    thing.name = start.title
+    obj = add_sensor(context.scene, start.settings(around))
+    obj.name = start.title
     if start.path is not None:
-        path = sensors.new_path(context.scene, thing, start.path(around))
-        getattr(thing.forest_sensor, start.kind).follow = path.name
+        path = sensors.new_path(context.scene, obj, start.path(around))
+        getattr(obj.forest_sensor, start.kind).follow = path.name
     context.view_layer.update()
-    choose_sensor(context, thing)
-    return thing
+    choose_sensor(context, obj)
+    return obj
 
 
 def around_cursor(context: bpy.types.Context) -> Around:
-    """Return where the 3D cursor stands, and what there is to sense: a box around all surfaces and trees."""
+    """Place of the 3D cursor, and what there is to sense: a box around all surfaces and trees."""
     x, y, z = context.scene.cursor.location
     corners, heights = [], []
     results = find_part(context.scene, RESULTS)
     found = set(results.all_objects) if results is not None else set()
     depsgraph = context.evaluated_depsgraph_get()
-    for thing in context.view_layer.objects:
-        if thing.type not in SOLID_TYPES or thing in found or not thing.visible_get():
+    for obj in context.view_layer.objects:
+        if obj.type not in SOLID_TYPES or obj in found or not obj.visible_get():
             continue
-        seen = thing.evaluated_get(depsgraph)
+        seen = obj.evaluated_get(depsgraph)
         box = [seen.matrix_world @ Vector(corner) for corner in seen.bound_box]
         low, high = Vector(map(min, *box)), Vector(map(max, *box))
         corners += [low, high]
-        if thing.type == "MESH" and low.x <= x <= high.x and low.y <= y <= high.y:
+        if obj.type == "MESH" and low.x <= x <= high.x and low.y <= y <= high.y:
             heights += _heights(seen, x, y)
     low, high = (Vector(map(side, *corners)) if corners else Vector() for side in (min, max))
     below = [height for height in heights if height <= z + ABOVE]
@@ -226,15 +226,15 @@ def around_cursor(context: bpy.types.Context) -> Around:
     return Around((x, y, ground), tuple(low), tuple(high))
 
 
-def _heights(thing: bpy.types.Object, x: float, y: float) -> list[float]:
-    """Return where a vertical line first meets the surface of an evaluated mesh from above."""
-    inverse = thing.matrix_world.inverted_safe()
+def _heights(obj: bpy.types.Object, x: float, y: float) -> list[float]:
+    """Place where a vertical line first meets the surface of an evaluated mesh from above."""
+    inverse = obj.matrix_world.inverted_safe()
     start, end = inverse @ Vector((x, y, OUTER)), inverse @ Vector((x, y, -OUTER))
     way = end - start
-    if not way.length or not len(thing.data.polygons):
+    if not way.length or not len(obj.data.polygons):
         return []
-    hit, place, _, _ = thing.ray_cast(start, way.normalized(), distance=way.length)
-    return [(thing.matrix_world @ place).z] if hit else []
+    hit, place, _, _ = obj.ray_cast(start, way.normalized(), distance=way.length)
+    return [(obj.matrix_world @ place).z] if hit else []
 
 
 class FOREST_OT_add_sensor(Button, bpy.types.Operator):
@@ -267,8 +267,8 @@ class FOREST_OT_scan_here(Button, bpy.types.Operator):
     bl_label = "Scan This Scene"
 
     def act(self, context: bpy.types.Context) -> str:
-        thing = put(context, "terrestrial")
-        return say("{name} stands at the 3D cursor. Press Run", name=thing.name)
+        obj = put(context, "terrestrial")
+        return say("{name} stands at the 3D cursor. Press Run", name=obj.name)
 
 
 class FOREST_OT_remove_sensor(Button, bpy.types.Operator):
@@ -289,8 +289,8 @@ class FOREST_OT_adopt_sensor(Button, bpy.types.Operator):
     needs = (
         (
             lambda context: (
-                (thing := context.view_layer.objects.active) is not None
-                and sensors.is_foreign(context.scene, thing)
+                (obj := context.view_layer.objects.active) is not None
+                and sensors.is_foreign(context.scene, obj)
             ),
             keep("The active object is no sensor of another file or scene"),
         ),

@@ -44,16 +44,16 @@ class FOREST_OT_add_flight(Button, bpy.types.Operator):
         from ...flight.senses import LIDAR, SONAR
 
         scene = context.scene
-        thing = bpy.data.objects.new(NAME, None)
-        thing.empty_display_type, thing.empty_display_size = "ARROWS", 0.5
-        thing[FLYER_KEY] = True
-        thing.location = scene.cursor.location
+        obj = bpy.data.objects.new(NAME, None)
+        obj.empty_display_type, obj.empty_display_size = "ARROWS", 0.5
+        obj[FLYER_KEY] = True
+        obj.location = scene.cursor.location
         height = scene.forest_sensing.flight.height
-        thing.location.z = max(thing.location.z, height)
-        scene.collection.objects.link(thing)
+        obj.location.z = max(obj.location.z, height)
+        scene.collection.objects.link(obj)
         for settings in (LIDAR.changed(poses=()), SONAR):
-            made = add_sensor(scene, settings.changed(follow=thing.name))
-            made.name = f"{thing.name} {settings.name}"
+            made = add_sensor(scene, settings.changed(follow=obj.name))
+            made.name = f"{obj.name} {settings.name}"
         context.view_layer.update()
         choose_sensor(context, made)
         return ""
@@ -64,7 +64,7 @@ def flyer_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
     active = bpy.context.view_layer.objects.active
     if active is not None and FLYER_KEY in active:
         return active
-    return next((thing for thing in scene.objects if FLYER_KEY in thing), None)
+    return next((obj for obj in scene.objects if FLYER_KEY in obj), None)
 
 
 class FOREST_OT_fly(Working, bpy.types.Operator):
@@ -79,8 +79,8 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
-        thing = flyer_of(scene)
-        if thing is None:
+        obj = flyer_of(scene)
+        if obj is None:
             raise spec.SpecError("", say("There is no flyer yet; add one by Add > Forest > Flight"))
         yield getting_ready("api", "flight.flying", "flight.policies", "flight.woods")
         from ...api import World
@@ -92,7 +92,7 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
         from ...flight.woods import Stock
 
         settings = to_spec(scene, [])
-        place, heading = thing.matrix_world.translation, thing.matrix_world.to_euler().z
+        place, heading = obj.matrix_world.translation, obj.matrix_world.to_euler().z
         flight = settings.flight.changed(start=tuple(place), heading_deg=degrees(heading))
         settings = settings.changed(flight=flight)
         world = World(settings, Path(bpy.path.abspath(scene.forest_sensing.folder)), None, scene)
@@ -111,7 +111,7 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
                 {"WARNING"}, say("Scenes in Blender carry flyers by their steady wind alone")
             )
         track = yield Task(say("flying"), flown)
-        show_flights(part(scene, RESULTS), [track], name=thing.name, flyer=thing)
+        show_flights(part(scene, RESULTS), [track], name=obj.name, flyer=obj)
         seconds, way = track.seconds, track.flown
         return {
             "arrived": say(

@@ -36,8 +36,8 @@ FONT, SIZE, LINE = 0, 12, 18  # the size in points, the height of a line in pixe
 NO_EYES = keep("Choose a scanner or a sonar: this sensor has no eyes")
 
 
-def _sees(thing: bpy.types.Object | None) -> bool:
-    return thing is not None and KINDS[sensors.kind_of(thing)].glance is not None
+def _sees(obj: bpy.types.Object | None) -> bool:
+    return obj is not None and KINDS[sensors.kind_of(obj)].glance is not None
 
 
 @dataclass
@@ -61,19 +61,19 @@ class Eye:
 
     def look(self, context: bpy.types.Context) -> bool:
         """Make the image anew where something has changed; returns whether there is a new one."""
-        thing = chosen_sensor(context)
+        obj = chosen_sensor(context)
         try:
-            if not _sees(thing):
+            if not _sees(obj):
                 wanted: Any = say(NO_EYES)
             else:
-                wanted = _placed(context, sensor_of(thing))
+                wanted = _placed(context, sensor_of(obj))
         except PROBLEMS as problem:
             wanted = in_words(problem)
         quiet = self.changed_at is not None and time.monotonic() - self.changed_at > QUIET
         if wanted == self.looked_for and not self.moved and not quiet:
             return False
         self.looked_for, self.moved = wanted, False
-        self.name = "" if thing is None else thing.name
+        self.name = "" if obj is None else obj.name
         self.drawn.clear()
         if isinstance(wanted, str):
             self.found, self.problem = None, wanted
@@ -131,12 +131,12 @@ class FOREST_OT_look_through(WhenReady, bpy.types.Operator):
 
 
 def draw_switch(
-    layout: bpy.types.UILayout, context: bpy.types.Context, thing: bpy.types.Object | None
+    layout: bpy.types.UILayout, context: bpy.types.Context, obj: bpy.types.Object | None
 ) -> None:
     """Draw the button for the chosen sensor, and what the image shows while it is on."""
-    if _eye is None and not _sees(thing):
+    if _eye is None and not _sees(obj):
         return
-    hears = thing is not None and KINDS[sensors.kind_of(thing)].listens
+    hears = obj is not None and KINDS[sensors.kind_of(obj)].listens
     text = label("Listen Here") if hears else label("Look Through")
     if _eye is not None:
         text = label("End Listening") if hears else label("End Looking Through")
@@ -183,12 +183,12 @@ def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if _eye is None or _reading or scene.session_uid != _eye.scene:
         return
     for update in depsgraph.updates:
-        thing = update.id
-        if not isinstance(thing, bpy.types.Object):
+        obj = update.id
+        if not isinstance(obj, bpy.types.Object):
             continue
         _eye.moved = True
         changed = update.is_updated_geometry or update.is_updated_transform
-        if changed and not sensors.kind_of(thing) and may_be_met(thing):
+        if changed and not sensors.kind_of(obj) and may_be_met(obj):
             _eye.changed_at = time.monotonic()
 
 

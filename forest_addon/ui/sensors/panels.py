@@ -59,47 +59,47 @@ OPTICS = ("", *spec.POLISHED)
 
 def seen_thing(context: bpy.types.Context) -> bpy.types.Object | None:
     """The active object, if sensors could see it."""
-    thing = context.object
-    solid = thing is not None and thing.type in SOLID_TYPES
-    return thing if solid and not sensors.kind_of(thing) else None
+    obj = context.object
+    solid = obj is not None and obj.type in SOLID_TYPES
+    return obj if solid and not sensors.kind_of(obj) else None
 
 
-def is_unrendered(thing: bpy.types.Object) -> bool:
+def is_unrendered(obj: bpy.types.Object) -> bool:
     """Return whether sensors meet an object that renders do not show: they see what views show."""
-    hidden = thing.hide_render and thing.visible_get() and CLOUD_KEY not in thing
-    return hidden and _is_seen(thing) and thing.type in SOLID_TYPES
+    hidden = obj.hide_render and obj.visible_get() and CLOUD_KEY not in obj
+    return hidden and _is_seen(obj) and obj.type in SOLID_TYPES
 
 
-def _is_seen(thing: Any) -> bool:
-    return not thing.get(IGNORED_KEY, False)
+def _is_seen(obj: Any) -> bool:
+    return not obj.get(IGNORED_KEY, False)
 
 
-def _kind(thing: Any) -> int:
-    kind = thing.get(KIND_KEY, "")
+def _kind(obj: Any) -> int:
+    kind = obj.get(KIND_KEY, "")
     return OPTICS.index(kind) if kind in OPTICS else 0
 
 
 def _number(key: str, low: float, high: float, usual: Callable[[Any], float]) -> dict[str, Any]:
     """Get, set and limits of a number that an object keeps; ``usual`` is read where it keeps none."""
 
-    def read(thing: Any) -> float:
-        value = thing.get(key)
-        return value if isinstance(value, int | float) and value >= low else usual(thing)
+    def read(obj: Any) -> float:
+        value = obj.get(key)
+        return value if isinstance(value, int | float) and value >= low else usual(obj)
 
     return {
         "get": read,
-        "set": lambda thing, value: _say(thing, key, min(max(value, low), high)),
+        "set": lambda obj, value: _say(obj, key, min(max(value, low), high)),
         "min": low,
         "max": high,
     }
 
 
-def _say(thing: Any, key: str, value: Any) -> None:
+def _say(obj: Any, key: str, value: Any) -> None:
     if value is not None:
-        thing[key] = value
-    elif key in thing:
-        del thing[key]
-    thing.update_tag()  # what was read of the scene is read again
+        obj[key] = value
+    elif key in obj:
+        del obj[key]
+    obj.update_tag()  # what was read of the scene is read again
 
 
 REFLECTANCE = _number(REFLECTANCE_KEY, 0.0, 1.0, lambda _: spec.Surfaces().other)
@@ -108,15 +108,13 @@ PROPERTIES = {
         name="Seen by Sensors",
         description="LiDAR, sonar and reverb meet this object; off: they pass through it",
         get=_is_seen,
-        set=lambda thing, seen: _say(thing, IGNORED_KEY, None if seen else True),
+        set=lambda obj, seen: _say(obj, IGNORED_KEY, None if seen else True),
     ),
     "forest_reflects": bpy.props.BoolProperty(
         name="Own Reflectance",
         description="LiDAR takes this object's reflectance, not that of the scanner's surfaces",
-        get=lambda thing: REFLECTANCE_KEY in thing,
-        set=lambda thing, has: _say(
-            thing, REFLECTANCE_KEY, REFLECTANCE["get"](thing) if has else None
-        ),
+        get=lambda obj: REFLECTANCE_KEY in obj,
+        set=lambda obj, has: _say(obj, REFLECTANCE_KEY, REFLECTANCE["get"](obj) if has else None),
     ),
     "forest_reflected": bpy.props.FloatProperty(
         name="Reflectance",
@@ -137,14 +135,12 @@ PROPERTIES = {
             ),
         ],
         get=_kind,
-        set=lambda thing, number: _say(thing, KIND_KEY, OPTICS[number] or None),
+        set=lambda obj, number: _say(obj, KIND_KEY, OPTICS[number] or None),
     ),
     "forest_refraction": bpy.props.FloatProperty(
         name="Index",
         description="Refractive index of the glass or the water",
-        **_number(
-            INDEX_KEY, 1.0, 5.0, lambda thing: spec.USUAL_INDEX.get(OPTICS[_kind(thing)], 1.0)
-        ),
+        **_number(INDEX_KEY, 1.0, 5.0, lambda obj: spec.USUAL_INDEX.get(OPTICS[_kind(obj)], 1.0)),
     ),
     "forest_mirrored": bpy.props.FloatProperty(
         name="Sends On",
@@ -188,7 +184,7 @@ class FOREST_UL_sensors(bpy.types.UIList):
 
     def filter_items(self, context, data, name) -> tuple[list[int], list[int]]:
         things = getattr(data, name)
-        return [self.bitflag_filter_item if kind_of(thing) else 0 for thing in things], []
+        return [self.bitflag_filter_item if kind_of(obj) else 0 for obj in things], []
 
 
 NO_SCANNER = keep("Choose a moving scanner in the list of sensors first")
@@ -296,7 +292,7 @@ def instruments() -> dict[str, ScannerFile]:
 
 
 def instrument_title(group: Any) -> str:
-    """Return what the settings of a scanner started from: an instrument, a file of the user's, or nothing."""
+    """Origin of a scanner's settings: an instrument, a file of the user's, or nothing."""
     file = instruments().get(group.scanner)
     if file is not None:
         return short(file.title)
@@ -309,7 +305,7 @@ def short(title: str) -> str:
 
 
 def figures_of(file: ScannerFile, kind: str) -> str:
-    """Return how far, how often and how narrow, of an instrument on a platform."""
+    """Range, pulse rate and beam width of an instrument on a platform, in words."""
     figures = file.tables[kind]
     parts = []
     if "max_range" in figures:
@@ -332,20 +328,20 @@ class FOREST_OT_choose_instrument(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        thing = chosen_sensor(context)
-        return thing is not None and hasattr(spec.SENSORS[sensors.kind_of(thing)], "scanner")
+        obj = chosen_sensor(context)
+        return obj is not None and hasattr(spec.SENSORS[sensors.kind_of(obj)], "scanner")
 
     @classmethod
     def description(cls, context: bpy.types.Context, settings: Any) -> str:
-        file, thing = instruments().get(settings.scanner), chosen_sensor(context)
-        if file is None or thing is None or sensors.kind_of(thing) not in file.tables:
+        file, obj = instruments().get(settings.scanner), chosen_sensor(context)
+        if file is None or obj is None or sensors.kind_of(obj) not in file.tables:
             return say("All settings as they are, of no instrument")
-        figures = figures_of(file, sensors.kind_of(thing))
+        figures = figures_of(file, sensors.kind_of(obj))
         return say("{instrument}: {figures}", instrument=file.title, figures=figures)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        thing = chosen_sensor(context)
-        group = getattr(thing.forest_sensor, sensors.kind_of(thing))
+        obj = chosen_sensor(context)
+        group = getattr(obj.forest_sensor, sensors.kind_of(obj))
         group.scanner = self.scanner  # what follows when it is set takes the figures
         return {"FINISHED"}
 
@@ -356,10 +352,10 @@ class FOREST_MT_instruments(bpy.types.Menu):
     bl_label = "Instruments"
 
     def draw(self, context: bpy.types.Context) -> None:
-        thing = chosen_sensor(context)
-        if thing is None:
+        obj = chosen_sensor(context)
+        if obj is None:
             return
-        kind = sensors.kind_of(thing)
+        kind = sensors.kind_of(obj)
         for name, file in instruments().items():
             if kind in file.tables:
                 choose = self.layout.operator("forest.choose_instrument", text=short(file.title))
@@ -389,12 +385,12 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         buttons.menu("FOREST_MT_sensors", text="", icon="ADD")
         buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
         draw_adopt(layout, context, context.view_layer.objects.active)
-        thing = chosen_sensor(context, known)
-        _draw_run(layout, thing)
-        found = None if thing is None else context.scene.forest_sensing.results.get(thing.name)
-        if found is not None:
-            draw_found(layout, found)
-        draw_switch(layout, context, thing)
+        obj = chosen_sensor(context, known)
+        _draw_run(layout, obj)
+        result = None if obj is None else context.scene.forest_sensing.results.get(obj.name)
+        if result is not None:
+            draw_found(layout, result)
+        draw_switch(layout, context, obj)
         if is_narrow():
             layout.label(text="Save To")
         text = "" if is_narrow() else "Save To"
@@ -414,11 +410,11 @@ class FOREST_PT_sensor(OfSensors, bpy.types.Panel):
         draw_presets(self.layout, sensors.kind_of(chosen_sensor(context)))
 
     def draw(self, context: bpy.types.Context) -> None:
-        thing = chosen_sensor(context)
+        obj = chosen_sensor(context)
         column = split(self.layout)
-        column.prop(thing, "name")
+        column.prop(obj, "name")
         column.prop(context.scene.forest_sensing, "advanced")
-        _draw_sensor(self.layout, thing)
+        _draw_sensor(self.layout, obj)
 
 
 class FOREST_PT_sensor_data(OfData, bpy.types.Panel):
@@ -428,25 +424,25 @@ class FOREST_PT_sensor_data(OfData, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        thing = context.object
-        return thing is not None and sensors.kind_of(thing) in KINDS
+        obj = context.object
+        return obj is not None and sensors.kind_of(obj) in KINDS
 
     def draw(self, context: bpy.types.Context) -> None:
-        thing = context.object
-        draw_adopt(self.layout, context, thing)
-        if thing not in sensors.sensors_of(context.scene):
+        obj = context.object
+        draw_adopt(self.layout, context, obj)
+        if obj not in sensors.sensors_of(context.scene):
             return
         row, job = self.layout.row(align=True), current()
         if job is not None:
             draw_job(row, job)
         else:
             run = row.operator("forest.run", icon="PLAY")
-            run.sensor, run.frames = thing.name, "THIS"
+            run.sensor, run.frames = obj.name, "THIS"
         split(self.layout).prop(context.scene.forest_sensing, "advanced")
-        _draw_sensor(self.layout, thing)
+        _draw_sensor(self.layout, obj)
 
 
-def _draw_run(layout: bpy.types.UILayout, thing: bpy.types.Object | None) -> None:
+def _draw_run(layout: bpy.types.UILayout, obj: bpy.types.Object | None) -> None:
     """The buttons that run a sensor, all, or a frame range; while something runs, how far that is."""
     run, job = layout.row(align=True), current()
     run.scale_y = BIG
@@ -454,43 +450,41 @@ def _draw_run(layout: bpy.types.UILayout, thing: bpy.types.Object | None) -> Non
         draw_job(run, job)
         return
     one = run.row(align=True)
-    one.enabled = thing is not None
+    one.enabled = obj is not None
     this = one.operator(
         "forest.run",
-        text=label("Run {sensor}", sensor=thing.name)
-        if thing and not is_narrow()
-        else label("Run"),
+        text=label("Run {sensor}", sensor=obj.name) if obj and not is_narrow() else label("Run"),
         icon="PLAY",
     )
-    this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
+    this.sensor, this.frames = "" if obj is None else obj.name, "THIS"
     every = run.row(align=True)
     every.ui_units_x = 3  # the rest is for the sensor's name
     every.operator("forest.run", text="All").frames = "THIS"
     frames = run.operator("forest.run_frames", text="", icon="RENDER_ANIMATION")
-    frames.sensor = "" if thing is None else thing.name
+    frames.sensor = "" if obj is None else obj.name
 
 
 def draw_adopt(
-    layout: bpy.types.UILayout, context: bpy.types.Context, thing: bpy.types.Object | None
+    layout: bpy.types.UILayout, context: bpy.types.Context, obj: bpy.types.Object | None
 ) -> None:
     """Offer to make a sensor this scene's own, where it is not, or lacks what it needs."""
-    if thing is None or not sensors.is_foreign(context.scene, thing):
+    if obj is None or not sensors.is_foreign(context.scene, obj):
         return
-    layout.label(text=label("{name} is not whole here", name=thing.name), icon="ERROR")
+    layout.label(text=label("{name} is not whole here", name=obj.name), icon="ERROR")
     layout.operator("forest.adopt_sensor", icon="LINKED")
 
 
-def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
+def _draw_sensor(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     """Draw where a sensor is and looks, and all its settings."""
-    kind = sensors.kind_of(thing)
-    group = getattr(thing.forest_sensor, kind)
+    kind = sensors.kind_of(obj)
+    group = getattr(obj.forest_sensor, kind)
     record, column = KINDS[kind], split(layout)
     if record.posed:  # else it goes where its poses say, or what it follows
-        column.prop(thing, "location")
+        column.prop(obj, "location")
     if record.body == "speaker":
-        draw_named(column, thing, f'["{sensors.RECEIVER_KEY}"]', "Receiver", is_narrow())
+        draw_named(column, obj, f'["{sensors.RECEIVER_KEY}"]', "Receiver", is_narrow())
     for axis in record.turns:
-        column.prop(thing, "rotation_euler", index=axis, text=AXES[axis])
+        column.prop(obj, "rotation_euler", index=axis, text=AXES[axis])
     fixed = record.fixed(group)
     if fixed:
         column.label(text=label_kept(fixed), icon="INFO")
@@ -535,22 +529,22 @@ class FOREST_PT_thing(OfSensors, bpy.types.Panel):
         return super().poll(context) and seen_thing(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        thing = seen_thing(context)
+        obj = seen_thing(context)
         column = split(self.layout)
-        column.prop(thing, "name")
-        column.prop(thing, "forest_seen")
-        if is_unrendered(thing):
+        column.prop(obj, "name")
+        column.prop(obj, "forest_seen")
+        if is_unrendered(obj):
             column.label(text="Not in renders; sensed all the same", icon="INFO")
-        column.prop(thing, "forest_reflects")
-        if thing.forest_reflects:
-            column.prop(thing, "forest_reflected")
-        column.prop(thing, "forest_polish")
-        if thing.forest_polish == "MIRROR":
-            column.prop(thing, "forest_mirrored")
-        elif thing.forest_polish == "RETRO":
-            column.prop(thing, "forest_gained")
-        elif thing.forest_polish != "NONE":
-            column.prop(thing, "forest_refraction")
+        column.prop(obj, "forest_reflects")
+        if obj.forest_reflects:
+            column.prop(obj, "forest_reflected")
+        column.prop(obj, "forest_polish")
+        if obj.forest_polish == "MIRROR":
+            column.prop(obj, "forest_mirrored")
+        elif obj.forest_polish == "RETRO":
+            column.prop(obj, "forest_gained")
+        elif obj.forest_polish != "NONE":
+            column.prop(obj, "forest_refraction")
 
 
 class FOREST_PT_air(OfSensors, bpy.types.Panel):

@@ -51,24 +51,24 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     from ...blender.sensors.moving import Forecast
 
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
-    found = []
+    costs_of_sensors = []
     trees = sum(planting.standing for planting in context.scene.forest_sensing.plantings)
     known = ready()
     triangles = 0 if known else triangles_in(context.scene)
-    for thing in things:
-        settings = to_spec(context.scene, [thing])
+    for obj in things:
+        settings = to_spec(context.scene, [obj])
         (sensor,) = settings.sensors
         engine = "bvhtree" if settings.rays.engine == "bvhtree" else "embree"
         way = kind_of(sensor).trajectory(sensor, home, Forecast(context.scene))
         again = sensor.kind in known
-        found.append(cost_of(sensor, way, engine, settings, trees, triangles, again))
+        costs_of_sensors.append(cost_of(sensor, way, engine, settings, trees, triangles, again))
         triangles = 0  # the first one sets them up
-    return found
+    return costs_of_sensors
 
 
 def triangles_in(scene: bpy.types.Scene) -> int:
-    """Return how many triangles the meshes of a scene have, each once, before modifiers."""
-    meshes = {thing.data for thing in scene.objects if thing.type == "MESH"}
+    """Number of triangles of a scene's meshes, each once, before modifiers."""
+    meshes = {obj.data for obj in scene.objects if obj.type == "MESH"}
     return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
 
 
@@ -77,8 +77,8 @@ def chosen_things(scene: bpy.types.Scene, name: str, again: bool = False) -> lis
     stood before."""
     results = scene.forest_sensing.results
     stale = {result.name for result in results if result.stale}
-    found = [thing for thing in sensors.sensors_of(scene) if name in ("", thing.name)]
-    return [thing for thing in found if thing.name in stale] if again else found
+    chosen = [obj for obj in sensors.sensors_of(scene) if name in ("", obj.name)]
+    return [obj for obj in chosen if obj.name in stale] if again else chosen
 
 
 def estimate(context: bpy.types.Context, name: str, again: bool = False) -> list[Cost]:
@@ -146,7 +146,7 @@ class Ahead:
         self._ends = (ends / ends[-1]).tolist()
 
     def next(self, name: str) -> tuple[str, tuple[float, float], Cost]:
-        """Return what the next run is called, from which share of the job to which it leads, what it
+        """Name of the next run, from which share of the job to which it leads, what it
         costs."""
         frame, number = divmod(self._done, len(self._of_sensors))
         span, words = (self._ends[self._done], self._ends[self._done + 1]), name
@@ -174,7 +174,7 @@ class Ahead:
         self._times[name] = before[0] + took, before[1] + estimated
 
     def told(self, sentence: str) -> str:
-        """Return what is said at the end: of one run its own sentence, of several the times of all."""
+        """Sentence at the end: of one run its own, of several the times of all."""
 
         def both(times: tuple[float, float]) -> str:
             took, estimated = map(time_in_words, times)
@@ -236,9 +236,9 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
-        """Return what it would do, with what that costs where the settings say."""
-        words, found = say(cls.__doc__ or ""), estimate(context, given.sensor, given.again)
-        return f"{words}.\n{cost_in_words(found)}" if found else words
+        """Sentence on what it would do, with what that costs where the settings say."""
+        words, cost = say(cls.__doc__ or ""), estimate(context, given.sensor, given.again)
+        return f"{words}.\n{cost_in_words(cost)}" if cost else words
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not (self.sure or bpy.app.background):
@@ -269,12 +269,12 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         folder = _folder(scene.forest_sensing.output)
         self._broken: dict[str, str] = {}  # what is wrong with sensors, by name
         able: list[tuple[bpy.types.Object, Cost]] = []
-        for thing in chosen:
-            with self._apart(thing.name):
-                able.append((thing, costs(context, [thing])[0]))
+        for obj in chosen:
+            with self._apart(obj.name):
+                able.append((obj, costs(context, [obj])[0]))
         if not able:
             raise ValueError(self._problems())
-        chosen = [thing for thing, _ in able]
+        chosen = [obj for obj, _ in able]
         frames = frames_of(scene)
         ahead = Ahead([cost for _, cost in able], 1 if self.frames == "THIS" else len(frames))
         if self.frames == "THIS":
@@ -309,14 +309,14 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             self._broken.setdefault(name, said)
 
     def _problems(self) -> str:
-        """Return what is wrong with the first sensors that do not run, and how many more there are."""
+        """Sentences on what is wrong with the first sensors that do not run, and how many more there are."""
         problems = list(self._broken.values())
         more = len(problems) - FEW
         others = [say("({count} more)", count=more)] if more > 0 else []
         return " ".join(problems[:FEW] + others)
 
     def _told(self, ahead: Ahead, sentence: str) -> str:
-        """Return what is said at the end, with what did not run and why.
+        """Sentence at the end, with what did not run and why.
 
         Raises
         ------
@@ -351,15 +351,15 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         for sentence in filter(None, warnings):
             self.report({"WARNING"}, sentence)
         sentence = ""
-        for thing in things:
-            with self._apart(thing.name, frame):
-                sentence = yield from self._sense(context, thing, observer, folder, frame, ahead)
+        for obj in things:
+            with self._apart(obj.name, frame):
+                sentence = yield from self._sense(context, obj, observer, folder, frame, ahead)
         return sentence
 
     def _sense(
         self,
         context: bpy.types.Context,
-        thing: bpy.types.Object,
+        obj: bpy.types.Object,
         observer: Observer,
         folder: Path | None,
         frame: int | None,
@@ -370,10 +370,10 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ..results.finding import keep_finding, note_audit, note_figures
 
         started = time.perf_counter()
-        step, span, cost = ahead.next(thing.name)
+        step, span, cost = ahead.next(obj.name)
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
         number = "" if frame is None else f"-{frame:04d}"
-        settings = to_spec(context.scene, [thing])
+        settings = to_spec(context.scene, [obj])
         (sensor,) = settings.sensors
         observe = partial(observer.observe, sensor, settings, folder=home)
         way = observer.way(sensor, home)
@@ -382,13 +382,13 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         took = time.perf_counter() - started
         note_pace(sensor, cost, took)
         observer.ran.add(sensor.kind)
-        ahead.note(thing.name, took, cost.seconds)
+        ahead.note(obj.name, took, cost.seconds)
         planted = planted_names(context.scene, labels(settings.plantings))
-        if self.keep and thing.name not in self._job.kept:
-            begin_frames(context.scene, thing.name)
+        if self.keep and obj.name not in self._job.kept:
+            begin_frames(context.scene, obj.name)
         sentence = keep_finding(
             context,
-            thing,
+            obj,
             sensor,
             found,
             took,
@@ -400,22 +400,22 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         estimate = keep(
             "{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=cost.seconds
         )
-        note_figures(context, thing.name, {"Time": estimate})
+        note_figures(context, obj.name, {"Time": estimate})
         empty = observer.empty(sensor, settings, found, home, way)
         if empty:
-            sentence = f"{thing.name}: {empty}"
+            sentence = f"{obj.name}: {empty}"
             self.report({"WARNING"}, sentence)
-        self._job.kept.append(thing.name)
+        self._job.kept.append(obj.name)
         if folder is not None:
             numbered = replace(sensor, name=sensor.name + number)
-            sentence += self._save(folder, thing.name, numbered, found, Offset.of(settings))
+            sentence += self._save(folder, obj.name, numbered, found, Offset.of(settings))
         check = partial(observer.audit, sensor, settings, found, took, home, way)
         at_end = (span[1], span[1])
         audit = yield Task(step, lambda _tell, check=check: check(), span=at_end)
         if audit is not None:
-            note_audit(context, thing.name, audit)
+            note_audit(context, obj.name, audit)
             if not audit.kept:
-                self.report({"WARNING"}, f"{thing.name}: {audit}")
+                self.report({"WARNING"}, f"{obj.name}: {audit}")
         return sentence
 
     def _save(self, folder: Path, name: str, sensor: Sensor, found: Finding, offset: Offset) -> str:
@@ -481,8 +481,8 @@ class FOREST_OT_run_large(bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context) -> None:
         frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
-        found = estimate(context, self.sensor, self.again)
-        self.layout.label(text=cost_in_words(found, frames, self.keep), icon="INFO")
+        cost = estimate(context, self.sensor, self.again)
+        self.layout.label(text=cost_in_words(cost, frames, self.keep), icon="INFO")
         self.layout.label(text="Esc stops it; what was found until then stays.")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
@@ -543,8 +543,8 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
             frames=frames,
             runs=number * frames,
         )
-        found = estimate(bpy.context, self.sensor if one else "")
-        return f"{runs}, {cost_in_words(found, frames, self.keep)}" if found else runs
+        cost = estimate(bpy.context, self.sensor if one else "")
+        return f"{runs}, {cost_in_words(cost, frames, self.keep)}" if cost else runs
 
     def act(self, _context: bpy.types.Context) -> str:
         one = self.sensor if self.which == "ONE" else ""
@@ -559,7 +559,7 @@ def frames_of(scene: bpy.types.Scene) -> range:
 
 def names_unrendered(layer: bpy.types.ViewLayer) -> str:
     """Say which objects sensors meet although renders do not show them; empty where there are none."""
-    names = sorted(thing.name for thing in layer.objects if is_unrendered(thing))
+    names = sorted(obj.name for obj in layer.objects if is_unrendered(obj))
     if not names:
         return ""
     more = say(" and {count:,} more", count=len(names) - FEW) if len(names) > FEW else ""
@@ -571,7 +571,7 @@ def names_unrendered(layer: bpy.types.ViewLayer) -> str:
 
 
 def _folder(output: str) -> Path | None:
-    """Return where results are saved, made where it is missing; None where they are not.
+    """Folder in which results are saved, made where it is missing; None where they are not.
 
     Raises
     ------

@@ -141,7 +141,7 @@ def name_in(kind: type, name: str) -> str:
 
 @functools.cache
 def _way(kind: type, name: str) -> tuple[str, str, str]:
-    """Return how a setting of a class is drawn, the property that shows it, and its name: looked up once."""
+    """Way to draw a setting of a class, the property that shows it, and its name: looked up once."""
     known = kind.bl_rna.properties  # type: ignore[attr-defined]
     face = f"{name}{FACE}" if f"{name}{FACE}" in known else name
     if f"{name}_pointer" in known:

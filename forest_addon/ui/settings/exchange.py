@@ -73,24 +73,24 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
         rays=read(props.rays, spec.Rays, "rays"),
         flight=read(props.flight, spec.Flight, "flight"),
         accuracy=read(props.accuracy, spec.Accuracy, "accuracy"),
-        sensors=tuple(sensor_of(thing) for thing in things),
+        sensors=tuple(sensor_of(obj) for obj in things),
     )
 
 
-def sensor_of(thing: Any) -> Settings:
+def sensor_of(obj: Any) -> Settings:
     """The settings of a sensor: those on its object, and where and how that stands.
 
     Raises
     ------
     SpecError : a value that cannot be used; a reverb without a receiver.
     """
-    kind = sensors.kind_of(thing)
+    kind = sensors.kind_of(obj)
     cls = spec.SENSORS[kind]
-    group = getattr(thing.forest_sensor, kind)
-    given = {"name": file_name(thing.name)} | sensors.pose(thing)
+    group = getattr(obj.forest_sensor, kind)
+    given = {"name": file_name(obj.name)} | sensors.pose(obj)
     if "azimuth_deg" not in given and hasattr(group, "azimuth_deg"):  # a window, not a direction
-        given["azimuth_deg"] = _turned(_plain(group.azimuth_deg), sensors.heading(thing))
-    return read(group, cls, file_name(thing.name), given)
+        given["azimuth_deg"] = _turned(_plain(group.azimuth_deg), sensors.heading(obj))
+    return read(group, cls, file_name(obj.name), given)
 
 
 def _turned(window: tuple[float, float], heading: float) -> tuple[float, float]:
@@ -130,8 +130,8 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
     known = [
         replace(sensor_of(one), name=sensors.kind_of(one)) for one in usable(scene) if keep_sensors
     ]
-    for thing in () if keep_sensors else sensors.sensors_of(scene):
-        sensors.remove_sensor(thing)
+    for obj in () if keep_sensors else sensors.sensors_of(scene):
+        sensors.remove_sensor(obj)
     for sensor in settings.sensors:
         if replace(sensor, name=sensor.kind) not in known:
             add_sensor(scene, sensor)
@@ -144,18 +144,18 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
 def usable(scene: Any) -> list[Any]:
     """The sensors of a scene whose settings can be used: those that cannot must not stop all else."""
     found = []
-    for thing in sensors.sensors_of(scene):
+    for obj in sensors.sensors_of(scene):
         with suppress(SpecError):
-            sensor_of(thing)
-            found.append(thing)
+            sensor_of(obj)
+            found.append(obj)
     return found
 
 
 def add_sensor(scene: Any, settings: Settings) -> Any:
     """A new object with the settings of a sensor."""
-    thing = sensors.new_sensor(scene, settings)
-    write(getattr(thing.forest_sensor, settings.kind), settings)
-    return thing
+    obj = sensors.new_sensor(scene, settings)
+    write(getattr(obj.forest_sensor, settings.kind), settings)
+    return obj
 
 
 def forestless(props: Any) -> bool:

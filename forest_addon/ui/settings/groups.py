@@ -333,12 +333,12 @@ def make_group(
 
 
 def words_of(field: Field) -> dict[str, Any]:
-    """Return what a property of a field is called, and its help."""
+    """Name and help of a field's property."""
     return {"name": label_of(field.name, field.param), "description": help_of(field.param)}
 
 
 def label_of(name: str, known: Param) -> str:
-    """Return what a field is called in the panel: ``angle_step_deg`` is Angle Step (°)."""
+    """Name of a field in the panel: ``angle_step_deg`` is Angle Step (°)."""
     for key in (f"{name} ({known.unit})", name):
         if key in LABELS:
             return LABELS[key]
@@ -438,7 +438,7 @@ def _how_shown(known: Param, values: Iterable[float]) -> dict[str, int]:
 
 
 def help_of(known: Param) -> str:
-    """Return what a field is for, as a panel says it."""
+    """Purpose of a field, as a panel says it."""
     text = known.help.replace("left out:", "off:").replace("Left out:", "Off:")  # its switch
     if known.auto:  # a number here, a word in files
         text = text.replace("auto:", "-1, automatic:")

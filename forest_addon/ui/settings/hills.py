@@ -34,7 +34,7 @@ def renew(scene: bpy.types.Scene) -> None:
     kept = {hill.handle for _, _, hill in _hills(props)} if shown else set()
     home = part(scene, INTENSITY) if shown else find_part(scene, INTENSITY)
     things = home.objects if home is not None else ()
-    gone = [thing for thing in things if intensity.HANDLE_KEY in thing and thing not in kept]
+    gone = [obj for obj in things if intensity.HANDLE_KEY in obj and obj not in kept]
     bpy.data.batch_remove(gone)
     for planting, _, hill in _hills(props):
         if shown and not _stands(hill.handle):
@@ -55,11 +55,11 @@ def choose(planting: Any, context: bpy.types.Context) -> None:
     number = planting.active_gaussians
     if _following or context.mode != "OBJECT" or not 0 <= number < len(planting.gaussians):
         return
-    thing, layer = planting.gaussians[number].handle, context.view_layer
-    if thing is None or thing.name not in layer.objects or layer.objects.active == thing:
+    obj, layer = planting.gaussians[number].handle, context.view_layer
+    if obj is None or obj.name not in layer.objects or layer.objects.active == obj:
         return
-    select_alone(layer, thing)
-    _active = thing.name
+    select_alone(layer, obj)
+    _active = obj.name
 
 
 @bpy.app.handlers.persistent
@@ -88,10 +88,10 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         layer = depsgraph.view_layer
         moved = {u.id.name for u in depsgraph.updates if u.is_updated_transform}
         for _, _, hill in _hills(props):
-            thing = hill.handle
+            obj = hill.handle
             # One that is hidden may be reported as moved and is not evaluated.
-            if thing is not None and thing.name in moved and thing.visible_get(view_layer=layer):
-                _take(hill, thing.evaluated_get(depsgraph).matrix_world)
+            if obj is not None and obj.name in moved and obj.visible_get(view_layer=layer):
+                _take(hill, obj.evaluated_get(depsgraph).matrix_world)
         _choose_active(props, layer.objects.active)
     finally:
         _following = False
@@ -107,30 +107,30 @@ def _hills(props: Any) -> Iterator[tuple[Any, int, Any]]:
             yield planting, number, hill
 
 
-def _stands(thing: bpy.types.Object | None) -> bool:
+def _stands(obj: bpy.types.Object | None) -> bool:
     """Return whether a handle is in a scene; one that was deleted lives on for the hill's sake alone."""
-    return thing is not None and bool(thing.users_collection)
+    return obj is not None and bool(obj.users_collection)
 
 
 def _adopt_copies(props: Any, home: bpy.types.Collection) -> None:
     """A hill for every copy of a handle, as high as the one that was copied."""
     of_handle = {hill.handle: (planting, number) for planting, number, hill in _hills(props)}
     copies = [
-        thing
-        for thing in home.objects
-        if thing not in of_handle and thing.get(intensity.HANDLE_KEY, thing.name) != thing.name
+        obj
+        for obj in home.objects
+        if obj not in of_handle and obj.get(intensity.HANDLE_KEY, obj.name) != obj.name
     ]
-    origins = {thing.name: where for thing, where in of_handle.items() if thing is not None}
-    for thing in copies:
-        if thing[intensity.HANDLE_KEY] in origins:
-            planting, number = origins[thing[intensity.HANDLE_KEY]]
+    origins = {obj.name: where for obj, where in of_handle.items() if obj is not None}
+    for obj in copies:
+        if obj[intensity.HANDLE_KEY] in origins:
+            planting, number = origins[obj[intensity.HANDLE_KEY]]
             peak = planting.gaussians[number].peak
             hill = planting.gaussians.add()
             redraw_panels()
-            hill.peak, hill.handle = peak, thing
-    for thing in (*of_handle, *copies):
-        if thing is not None:
-            intensity.sign(thing)
+            hill.peak, hill.handle = peak, obj
+    for obj in (*of_handle, *copies):
+        if obj is not None:
+            intensity.sign(obj)
 
 
 def _take(hill: Any, matrix: Matrix) -> None:

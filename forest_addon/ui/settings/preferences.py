@@ -85,12 +85,12 @@ def chosen() -> Any:
 
 
 def rays_of(rays: spec.Rays) -> spec.Rays:
-    """Return how rays are cast: as the scene says, else as the preferences say."""
-    mine = chosen()
-    if mine is None:
+    """Settings of rays: the scene's, else those of the preferences."""
+    preferred = chosen()
+    if preferred is None:
         return rays
-    engine = mine.engine if rays.engine == "auto" else rays.engine
-    return replace(rays, engine=engine, threads=rays.threads or mine.threads)
+    engine = preferred.engine if rays.engine == "auto" else rays.engine
+    return replace(rays, engine=engine, threads=rays.threads or preferred.threads)
 
 
 def cache_folder() -> Path:
@@ -99,12 +99,12 @@ def cache_folder() -> Path:
 
 
 def species_folder() -> Path:
-    """Return where one's own species are kept; it need not exist."""
+    """Folder of a user's own species; it need not exist."""
     return _home() / "species"
 
 
 def library_folder() -> Path:
-    """Return where trees are written as assets; it need not exist."""
+    """Folder of trees that are written as assets; it need not exist."""
     return _home() / "library"
 
 

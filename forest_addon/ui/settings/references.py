@@ -43,8 +43,8 @@ class Reference:
     layered: bool = False
 
 
-def _is_ground(_group: Any, thing: Any) -> bool:
-    return thing.type in SOLID_TYPES and SPECIES_KEY not in thing
+def _is_ground(_group: Any, obj: Any) -> bool:
+    return obj.type in SOLID_TYPES and SPECIES_KEY not in obj
 
 
 HEARD_TYPES = {"source_objects": {"SPEAKER"}, "receiver_objects": {"EMPTY", "CAMERA"}}
@@ -53,8 +53,8 @@ REFERENCES = {
     "painted": Reference(_is_ground, layered=True),
     "collection": Reference(lambda _group, _home: True, of=bpy.types.Collection),
     "follow": Reference(
-        lambda _group, thing: bool(
-            thing.type == "CURVE" or thing.animation_data or thing.parent or thing.constraints
+        lambda _group, obj: bool(
+            obj.type == "CURVE" or obj.animation_data or obj.parent or obj.constraints
         )
     ),
     **{name: Reference(lambda _group, _thing: True, many=True) for name in HEARD_TYPES},
@@ -69,8 +69,8 @@ class FOREST_PG_heard(bpy.types.PropertyGroup):
     thing: PointerProperty(
         type=bpy.types.Object,
         name="Object",
-        poll=lambda _item, thing: (
-            thing.type in {"SPEAKER", "EMPTY", "CAMERA"} and HANDLE_KEY not in thing
+        poll=lambda _item, obj: (
+            obj.type in {"SPEAKER", "EMPTY", "CAMERA"} and HANDLE_KEY not in obj
         ),
         update=lambda _item, _context: None,  # or Blender reports no change
     )
@@ -106,7 +106,7 @@ def pointers(name: str, words: dict[str, Any]) -> dict[str, Any]:
 
 
 def resolver(name: str) -> Callable[[Any, Any], None]:
-    """Return what follows when the text of this setting is set."""
+    """Callback for when the text of this setting is set."""
     return lambda group, _context: resolve(group, name)
 
 
@@ -123,7 +123,7 @@ def resolve(group: Any, name: str) -> None:
 
 
 def name_of(group: Any, name: str, key: str = "") -> str:
-    """Return what a setting names, as that is called now.
+    """Present name of what a setting names.
 
     Raises
     ------
@@ -135,12 +135,12 @@ def name_of(group: Any, name: str, key: str = "") -> str:
         for item in items:
             _check(key or name, item.thing)
         return _names_in(items) if any(item.thing for item in items) else text
-    thing = getattr(group, f"{name}_pointer")
-    if thing is None:
+    obj = getattr(group, f"{name}_pointer")
+    if obj is None:
         return text
-    _check(key or name, thing)
+    _check(key or name, obj)
     layer = getattr(group, f"{name}_layer", "")
-    return f"{thing.name}:{layer}" if layer else str(thing.name)
+    return f"{obj.name}:{layer}" if layer else str(obj.name)
 
 
 def is_lost(group: Any, name: str) -> bool:
@@ -158,10 +158,10 @@ def _names_in(items: Any) -> str:
     return ", ".join(filter(None, names))
 
 
-def _check(key: str, thing: Any) -> None:
+def _check(key: str, obj: Any) -> None:
     """One that was deleted lives on for the pointer's sake alone."""
-    if isinstance(thing, bpy.types.Object) and not thing.users_collection:
-        raise SpecError(key, say('"{name}" was deleted; choose another, or none', name=thing.name))
+    if isinstance(obj, bpy.types.Object) and not obj.users_collection:
+        raise SpecError(key, say('"{name}" was deleted; choose another, or none', name=obj.name))
 
 
 def _find(group: Any, name: str) -> None:
@@ -177,19 +177,19 @@ def _find(group: Any, name: str) -> None:
     holder, layer = text, ""
     if known.layered and text not in every:
         holder, _, layer = text.rpartition(":")
-    found = every.get(holder)
-    if getattr(group, f"{name}_pointer") != found:
-        setattr(group, f"{name}_pointer", found)
+    target = every.get(holder)
+    if getattr(group, f"{name}_pointer") != target:
+        setattr(group, f"{name}_pointer", target)
     if known.layered:
-        setattr(group, f"{name}_layer", layer if found is not None else "")
+        setattr(group, f"{name}_layer", layer if target is not None else "")
 
 
 def _say_name(group: Any, name: str) -> None:
     """A pointer or its layer was set."""
     if not _busy:
-        thing = getattr(group, f"{name}_pointer")
+        obj = getattr(group, f"{name}_pointer")
         layer = getattr(group, f"{name}_layer", "")
-        text = "" if thing is None else f"{thing.name}:{layer}" if layer else thing.name
+        text = "" if obj is None else f"{obj.name}:{layer}" if layer else obj.name
         _set_text(group, name, text)
 
 
@@ -203,17 +203,17 @@ def _set_text(group: Any, name: str, text: str) -> None:
 
 
 def _layers(group: Any, _context: Any, typed: str) -> list[str]:
-    thing = group.painted_pointer
-    known = layers_of(thing) if thing is not None else ()
+    obj = group.painted_pointer
+    known = layers_of(obj) if obj is not None else ()
     return [name for name in known if typed.lower() in name.lower()]
 
 
-def layers_of(thing: bpy.types.Object) -> list[str]:
+def layers_of(obj: bpy.types.Object) -> list[str]:
     """Vertex groups, and attributes of numbers with a fraction or of colours."""
-    names = [known.name for known in thing.vertex_groups]
-    if thing.type == "MESH":
-        names += [a.name for a in thing.data.color_attributes]
-        of_points = [a for a in thing.data.attributes if a.domain != "EDGE" and not a.is_internal]
+    names = [known.name for known in obj.vertex_groups]
+    if obj.type == "MESH":
+        names += [a.name for a in obj.data.color_attributes]
+        of_points = [a for a in obj.data.attributes if a.domain != "EDGE" and not a.is_internal]
         names += [a.name for a in of_points if a.data_type == "FLOAT"]
     return list(dict.fromkeys(names))
 
@@ -222,7 +222,7 @@ SPECIES = ASSETS / "species"
 
 
 def offered(name: str, known: Param) -> dict[str, Any]:
-    """Return what the property of a text needs so that something is offered for it; nothing for a free
+    """Options of a text's property by which something is offered for it; nothing for a free
     text."""
     if name in SEARCHES:
         return {"search": SEARCHES[name], "search_options": {"SUGGESTION"}}

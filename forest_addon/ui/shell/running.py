@@ -58,7 +58,7 @@ WIDE = 18  # of the bar in the status bar, in units of Blender's layouts
 
 
 def how_far(job: Job) -> str:
-    """Return what a job is doing, how much of it is done, and when it will be."""
+    """State of a job: its step, how much of it is done, and when it will be."""
     if job.over:
         return say("{job} is stopping", job=job.title)
     if job.left is None:
@@ -120,7 +120,7 @@ LITTLE = 240_000  # triangles that a processor draws in less than a tenth of a s
 
 
 def drawable() -> int:
-    """Return how many triangles all stand-ins of a forest may have: fewer without a graphics card."""
+    """Number of triangles that all stand-ins of a forest may have: fewer without a graphics card."""
     from ...blender.scene.forest import DRAWABLE
 
     if bpy.app.background:
@@ -154,7 +154,7 @@ def stop() -> None:
 
 
 def obstacle(context: bpy.types.Context) -> str:
-    """Return why nothing can be computed now; empty where it can."""
+    """Reason why nothing can be computed now; empty where it can."""
     if missing():
         return say("{missing}. The panel says what to do", missing=packages_in_words(missing()))
     job = current()
@@ -185,7 +185,7 @@ class Button:
 
     @classmethod
     def obstacle(cls, context: bpy.types.Context) -> str:
-        """Return why it cannot be pressed now; empty where it can."""
+        """Reason why it cannot be pressed now; empty where it can."""
         unmet = (say(words) for holds, words in cls.needs if not holds(context))
         return cls.ready(context) or next(unmet, "")
 

@@ -45,8 +45,8 @@ def region_below(
     areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
     below = [area for area in areas if holds(area, x, y)]
     area = next(iter(below or areas), None)
-    found = [r for r in area.regions if r.type == "WINDOW" and r.width > 1] if area else []
-    return area, next((r for r in found if holds(r, x, y)), next(iter(found), None))
+    regions = [r for r in area.regions if r.type == "WINDOW" and r.width > 1] if area else []
+    return area, next((r for r in regions if holds(r, x, y)), next(iter(regions), None))
 
 
 def holds(box: bpy.types.Area | bpy.types.Region, x: int, y: int) -> bool:
@@ -114,47 +114,47 @@ def open_tab(area: bpy.types.Area) -> None:
 Way = tuple[bpy.types.LayerCollection, ...]  # from a view layer's own collection down to one
 
 
-def select(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+def select(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object visible, active and the only one selected."""
-    show(context, thing)
-    select_alone(context.view_layer, thing)
+    show(context, obj)
+    select_alone(context.view_layer, obj)
 
 
-def show(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+def show(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object visible. Of collections only those that hide it are shown: others stay excluded."""
     layer = context.view_layer
-    way = min(_ways(layer.layer_collection, thing), key=_hidden, default=())
+    way = min(_ways(layer.layer_collection, obj), key=_hidden, default=())
     for home in way:
         for hides in (home, home.collection):
             if hides.hide_viewport:
                 hides.hide_viewport = False
     if way and way[-1].exclude:
         _include(way[-1])
-    thing.hide_viewport = False
-    if thing.name in layer.objects:
-        thing.hide_set(False)
+    obj.hide_viewport = False
+    if obj.name in layer.objects:
+        obj.hide_set(False)
 
 
-def select_alone(layer: bpy.types.ViewLayer, thing: bpy.types.Object) -> None:
+def select_alone(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> None:
     """Make an object active and the only one selected, where a view layer has it."""
     for other in layer.objects.selected:
         other.select_set(False)
-    if thing.name in layer.objects:
-        thing.select_set(True)
-        layer.objects.active = thing
+    if obj.name in layer.objects:
+        obj.select_set(True)
+        layer.objects.active = obj
 
 
-def _ways(home: bpy.types.LayerCollection, thing: bpy.types.Object) -> Iterator[Way]:
+def _ways(home: bpy.types.LayerCollection, obj: bpy.types.Object) -> Iterator[Way]:
     """The ways from a collection down to each that holds an object."""
-    if home.collection.objects.get(thing.name) == thing:
+    if home.collection.objects.get(obj.name) == obj:
         yield (home,)
     for child in home.children:
-        for way in _ways(child, thing):
+        for way in _ways(child, obj):
             yield (home, *way)
 
 
 def _hidden(way: Way) -> int:
-    """Return how many switches along a way hide what the last collection holds."""
+    """Number of switches along a way that hide the contents of the last collection."""
     return way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
 
 
@@ -201,41 +201,41 @@ def chosen_sensor(
     None where the scene has no sensor. known : the sensors of the scene, where the caller has them.
     """
     listed = sensors.sensors_of(context.scene) if known is None else known
-    for thing in (context.view_layer.objects.active, context.scene.forest_sensing.last_sensor):
-        if thing in listed:
-            return thing
+    for obj in (context.view_layer.objects.active, context.scene.forest_sensing.last_sensor):
+        if obj in listed:
+            return obj
     return listed[0] if listed else None
 
 
 def chosen_settings(context: bpy.types.Context, kind: str) -> Any:
     """The settings of the chosen sensor if it is of a kind, else None."""
-    thing = chosen_sensor(context)
-    fits = thing is not None and sensors.kind_of(thing) == kind
-    return getattr(thing.forest_sensor, kind) if fits else None
+    obj = chosen_sensor(context)
+    fits = obj is not None and sensors.kind_of(obj) == kind
+    return getattr(obj.forest_sensor, kind) if fits else None
 
 
-def choose_sensor(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+def choose_sensor(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make a sensor the active object, unless another one is being edited, and remember it."""
-    context.scene.forest_sensing.last_sensor = thing
+    context.scene.forest_sensing.last_sensor = obj
     layer = context.view_layer
-    if layer.objects.active != thing and context.mode == "OBJECT":
-        select_alone(layer, thing)
+    if layer.objects.active != obj and context.mode == "OBJECT":
+        select_alone(layer, obj)
 
 
 def number_of_sensor(props: Any) -> int:
-    """Return where the chosen sensor is in the list, -1 where there is none."""
+    """Row of the chosen sensor in the list, -1 where there is none."""
     known = sensors.sensors_of(props.id_data)
     home = sensors.home_of(props.id_data, known)
-    thing = chosen_sensor(bpy.context, known) if bpy.context.scene == props.id_data else None
-    return -1 if home is None or thing is None else list(home.objects).index(thing)
+    obj = chosen_sensor(bpy.context, known) if bpy.context.scene == props.id_data else None
+    return -1 if home is None or obj is None else list(home.objects).index(obj)
 
 
 def choose_number(props: Any, number: int) -> None:
     """A sensor was chosen in the list."""
     home = sensors.home_of(props.id_data)
-    thing = home.objects[number] if home and 0 <= number < len(home.objects) else None
-    if thing is not None and sensors.kind_of(thing):
-        choose_sensor(bpy.context, thing)
+    obj = home.objects[number] if home and 0 <= number < len(home.objects) else None
+    if obj is not None and sensors.kind_of(obj):
+        choose_sensor(bpy.context, obj)
 
 
 @bpy.app.handlers.persistent

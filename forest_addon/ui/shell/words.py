@@ -39,7 +39,7 @@ def label(pattern: str, /, **values: object) -> str:
 
 
 def title_of_operator(operator: object) -> str:
-    """Return what an operator is called, as its buttons show it."""
+    """Name of an operator, as its buttons show it."""
     return str(pgettext_iface(operator.bl_label, contexts.operator_default))  # type: ignore[attr-defined]
 
 
@@ -49,7 +49,7 @@ def say_kept(text: str) -> str:
 
 
 def label_of_kept(made_of: str) -> str:
-    """Return what was kept, as it stands in a panel."""
+    """Kept values, as they stand in a panel."""
     pattern, values = _read(made_of)
     return label(pattern, **values)
 
@@ -106,7 +106,7 @@ def unregister() -> None:
 
 
 def read_catalog(text: str) -> Catalog:
-    """Return what a .po file translates; entries without a translation and doubtful (fuzzy) ones stay
+    """Translations of a .po file; entries without a translation and doubtful (fuzzy) ones stay
     English.
 
     Raises
@@ -141,5 +141,5 @@ EDITED = "edited/"  # begins the name of a species that is edited
 
 
 def title_of(species: str) -> str:
-    """Return what people read for a preset or a species file: honda-birch is Honda Birch."""
+    """Name that people read for a preset or a species file: honda-birch is Honda Birch."""
     return Path(species).stem.replace("-", " ").replace("_", " ").title().replace("Abop ", "ABOP ")

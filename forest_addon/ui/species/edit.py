@@ -131,16 +131,16 @@ def _choices(
 
 @functools.cache
 def _files() -> dict[str, Path | None]:
-    """Return what a planting calls each species that is there, and its picture if it has one."""
+    """Name by which a planting calls each species that is there, and its picture if it has one."""
     presets = sorted(file.stem for file in (ASSETS / "species").glob("*.toml"))
     pictures = {file.stem: file for file in (ASSETS / "species" / "pictures").glob("*.jpg")}
     own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])
-    mine = {
+    called = {
         file.as_posix(): picture_of(file) if picture_of(file).exists() else None
         for file in own
         if file.name != "scene.toml"
     }
-    return {name: pictures.get(name) for name in presets} | mine
+    return {name: pictures.get(name) for name in presets} | called
 
 
 def picture_of(species: Path) -> Path:
@@ -168,7 +168,7 @@ Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; w
 
 
 def edited_species(scene: bpy.types.Scene) -> dict[str, tuple[spec.Species, Path]]:
-    """Return what is edited in a scene and planted in it.
+    """Species that are edited in a scene and planted in it.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def relocated(species: spec.Species, origin: Path, home: Path) -> spec.Species:
 
 
 def from_folder(file: Path, home: Path) -> str:
-    """Return what a file is called in one that stands in another folder."""
+    """Name of a file in one that stands in another folder."""
     try:
         return Path(os.path.relpath(file, home)).as_posix()
     except ValueError:  # another drive
@@ -212,7 +212,7 @@ def from_folder(file: Path, home: Path) -> str:
 
 
 def edited_item(props: Any) -> Any:
-    """Return what is edited of the chosen planting's species, None where it is a preset or a file."""
+    """Edited species of the chosen planting, None where it is a preset or a file."""
     planting = chosen_planting(props)
     return None if planting is None else props.edited.get(planting.species)
 
@@ -323,7 +323,7 @@ def _is_preset(species: str) -> bool:
 
 
 def _called(path: Path, folder: str) -> str:
-    """Return what a planting calls a species file: within the scene's folder, relative to that."""
+    """Name by which a planting calls a species file: within the scene's folder, relative to that."""
     home = Path(bpy.path.abspath(folder)).resolve()
     inside = folder and path.is_relative_to(home)
     return (path.relative_to(home) if inside else path).as_posix()
@@ -396,9 +396,9 @@ def _add(context: bpy.types.Context) -> None:
 
 
 def _is_added(context: bpy.types.Context) -> bool:
-    mine = library_folder().resolve()
+    library = library_folder().resolve()
     known = context.preferences.filepaths.asset_libraries
-    return any(Path(bpy.path.abspath(one.path)).resolve() == mine for one in known)
+    return any(Path(bpy.path.abspath(one.path)).resolve() == library for one in known)
 
 
 JUDGED = 24  # siblings that are grown to be held to the tree
@@ -522,7 +522,7 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
 
 
 def parts_of(files: Sequence[Path]) -> tuple[Path, Path | None]:
-    """Return which of the files that were chosen is the wood and which the leaves.
+    """Files, of those that were chosen, of the wood and of the leaves.
 
     Raises
     ------

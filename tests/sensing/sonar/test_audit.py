@@ -153,12 +153,12 @@ def test_one_facet_far_off_is_heard_to_the_last_digits_of_its_phase(far):
     """Two float64 sums of an echo of 10⁵ cycles differ by more than 1e-12 of it; more than that is found."""
     corners = np.array([(far, 0, 0), (far, 0.02, 0), (far + 0.007, 0, 0.02)])
     mesh = TriMesh.of_part(corners, np.arange(3)[None], LEAF)
-    thing = EchoTargets(scene_of(replace(mesh, leaf=np.zeros(1, dtype=np.int32))))
+    obj = EchoTargets(scene_of(replace(mesh, leaf=np.zeros(1, dtype=np.int32))))
     sonar = replace(BAT, tolerance=0.0, cull=0.0, max_range=200.0)
-    echo = ping(thing, sonar, AIR)
-    assert audit(echo, sonar, things=thing).kept
+    echo = ping(obj, sonar, AIR)
+    assert audit(echo, sonar, things=obj).kept
     turned = replace(echo, spectra=echo.spectra * np.exp(1e-9j))
-    assert not spectrum(audit(turned, sonar, things=thing)).kept
+    assert not spectrum(audit(turned, sonar, things=obj)).kept
 
 
 RECEIVED = BAT.changed(

@@ -58,7 +58,7 @@ def test_build_plants_a_forest(built):
     assert len({tree.data for tree in trees()}) == 1
     assert facts(built, "forest")["Trees"] == str(len(trees()))
     assert {*SENSORS, "reverb receiver"} == {
-        thing.name for thing in layout.part(bpy.context.scene, "Sensors").objects
+        obj.name for obj in layout.part(bpy.context.scene, "Sensors").objects
     }
 
 
@@ -193,8 +193,8 @@ def test_a_terrain_that_is_deleted_while_trees_grow_on_it(small):
 def drawn():
     """Triangles that a view draws of trees, how many instances, and how many dots."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    (thing,) = part(bpy.context.scene, TREES).objects
-    geometry = thing.evaluated_get(depsgraph).evaluated_geometry()
+    (obj,) = part(bpy.context.scene, TREES).objects
+    geometry = obj.evaluated_get(depsgraph).evaluated_geometry()
     instances = geometry.instances_pointcloud()
     sources = [o.data for o in geometry.instance_references() if hasattr(o, "data")]
     dots = len(geometry.pointcloud.points) if geometry.pointcloud is not None else 0
@@ -242,7 +242,7 @@ def test_triangles_are_counted_as_they_are_drawn(built):
     from forest_addon.ui.settings import exchange
 
     forest = ForestSite.read(exchange.to_spec(bpy.context.scene)).grow()
-    shown = [len(thing.data.polygons) for thing in trees()]
+    shown = [len(obj.data.polygons) for obj in trees()]
     assert room.triangles_of(forest) == np.sum(shown)
 
 
@@ -293,7 +293,7 @@ def test_only_the_cube_of_a_new_file_in_a_window_moves_a_forest(empty_blender, m
 def test_results_stay_marked_until_they_are_run_again(built, tmp_path):
     run("cloud")
     run("scan")
-    (points,) = [thing for thing in clouds() if thing.name == built.results["cloud"].shown]
+    (points,) = [obj for obj in clouds() if obj.name == built.results["cloud"].shown]
     count = len(points.data.vertices)
     built.seed += 1
     press("build")
@@ -403,7 +403,7 @@ def ground_of(scene):
 
 def crowns_of(scene):
     """The corners of the boxes about its trees."""
-    trees = [thing for thing in scene.objects if TREE_KEY in thing]
+    trees = [obj for obj in scene.objects if TREE_KEY in obj]
     return [tree.matrix_world @ Vector(corner) for tree in trees for corner in tree.bound_box]
 
 
@@ -414,18 +414,18 @@ def test_a_start_scene_stands_built_and_lit(props, preset, trees):
     assert bpy.ops.forest.new(preset=preset) == {"FINISHED"}
     scene = bpy.context.scene
     assert "of the old file" not in bpy.data.meshes
-    assert sum(TREE_KEY in thing for thing in scene.objects) == trees
+    assert sum(TREE_KEY in obj for obj in scene.objects) == trees
     assert "forest" in scene.forest_sensing.results
     assert scene.forest_sensing.name == read_settings(SCENES / f"{preset}.toml", Scene).name
     assert scene.world is not None
-    assert [thing.data.type for thing in scene.objects if thing.type == "LIGHT"] == ["SUN"]
+    assert [obj.data.type for obj in scene.objects if obj.type == "LIGHT"] == ["SUN"]
     assert scene.view_settings.exposure > 0.5  # the evening's sun is weak
     for place in in_picture(scene, crowns_of(scene) if trees else ground_of(scene)):
         assert min(place) >= -0.15  # boxes are larger than crowns
         assert max(place) <= 1.15
     assert (scene.camera.location.z < 5) == bool(trees)  # among trees at the height of eyes
     sensors = {sensor.name for sensor in read_settings(SCENES / f"{preset}.toml", Scene).sensors}
-    assert sensors <= {thing.name for thing in scene.objects}
+    assert sensors <= {obj.name for obj in scene.objects}
 
 
 @pytest.mark.slow
@@ -434,14 +434,14 @@ def test_the_lawn_is_for_pictures_alone(props):
     bpy.ops.forest.new(preset="tanveer-one-tree")
     lawn = bpy.context.scene.objects[LAWN]
     assert (lawn.hide_viewport, lawn.hide_render) == (True, False)
-    seen = {thing for thing in bpy.context.scene.objects if thing.visible_get()}
-    assert max(max(thing.dimensions) for thing in seen) < 60
+    seen = {obj for obj in bpy.context.scene.objects if obj.visible_get()}
+    assert max(max(obj.dimensions) for obj in seen) < 60
     assert LAWN not in read_scene(bpy.context.evaluated_depsgraph_get()).object_name
 
 
 def test_the_empty_one_has_light_a_camera_and_nothing_else(props):
     assert bpy.ops.forest.new(preset="") == {"FINISHED"}
-    assert {thing.type for thing in bpy.context.scene.objects} == {"LIGHT", "CAMERA"}
+    assert {obj.type for obj in bpy.context.scene.objects} == {"LIGHT", "CAMERA"}
 
 
 def test_a_preset_that_is_not_there_is_reported(props):

@@ -38,8 +38,8 @@ def standing_by_script():
 
 def select(*things):
     bpy.ops.object.select_all(action="DESELECT")
-    for thing in things:
-        thing.select_set(True)
+    for obj in things:
+        obj.select_set(True)
     bpy.context.view_layer.objects.active = things[0]
 
 
@@ -154,8 +154,8 @@ def test_copies_of_trees_are_planted_where_they_stand(grove):
     beside.location[:2], beside.scale = (8.5, 1.25), (1.25, 1.25, 1.25)
     mine = bpy.data.objects.new("mine", bpy.data.meshes.new("mine"))
     its_mesh = copy.data.name
-    for thing in (copy, beside, mine):
-        bpy.context.scene.collection.objects.link(thing)
+    for obj in (copy, beside, mine):
+        bpy.context.scene.collection.objects.link(obj)
     bpy.context.view_layer.update()
     mesh = trees()[0].data
     select(mine)
@@ -367,9 +367,9 @@ def canvas():
 def vertices():
     """(V, 3) of the canvas in the world."""
     bpy.context.view_layer.update()
-    thing = canvas()
-    local = np.array([vertex.co for vertex in thing.data.vertices])
-    return local @ np.array(thing.matrix_world)[:3, :3].T + np.array(thing.matrix_world)[:3, 3]
+    obj = canvas()
+    local = np.array([vertex.co for vertex in obj.data.vertices])
+    return local @ np.array(obj.matrix_world)[:3, :3].T + np.array(obj.matrix_world)[:3, 3]
 
 
 def weigh(layer, inside):
@@ -434,7 +434,7 @@ def test_what_is_painted_is_planted_there_and_nowhere_else(painting):
     weigh("hazelnut", lambda x, _: x > 10)
     painting_press()
     assert bpy.ops.forest.build() == {"FINISHED"}
-    x = [thing.location.x for thing in bpy.data.objects if TREE_KEY in thing]
+    x = [obj.location.x for obj in bpy.data.objects if TREE_KEY in obj]
     assert len(x) > 10
     assert min(x) > 10 - 20 / CELLS
 
@@ -528,10 +528,10 @@ def add(**settings):
 def test_a_tree_stands_at_the_cursor(props):
     bpy.context.scene.cursor.location = (1, 2, 3)
     add(species="hazelnut")
-    thing = bpy.context.active_object
-    assert tuple(thing.location) == (1, 2, 3)
-    assert thing.select_get()
-    assert [slot.name for slot in thing.data.materials] == ["hazelnut bark", "hazelnut leaf"]
+    obj = bpy.context.active_object
+    assert tuple(obj.location) == (1, 2, 3)
+    assert obj.select_get()
+    assert [slot.name for slot in obj.data.materials] == ["hazelnut bark", "hazelnut leaf"]
 
 
 @pytest.mark.medium
@@ -576,26 +576,26 @@ def test_it_starts_with_a_leafy_one_and_offers_the_users_too(small):
 @pytest.mark.medium
 def test_a_tree_is_grown_again_from_the_settings_that_it_keeps(props):
     grown = add(species="ginkgo", generations=4, seed=3)
-    thing = bpy.context.active_object
-    kept = thing.data.forest_grown
+    obj = bpy.context.active_object
+    kept = obj.data.forest_grown
     assert (kept.species, kept.seed, kept.generations, kept.leaves) == ("ginkgo", 3, 4, True)
     mine = bpy.data.materials.new("mine")
-    thing.data.materials[0] = mine
-    thing.modifiers.new("mine", "DISPLACE")
-    other = bpy.data.objects.new("other", thing.data)
+    obj.data.materials[0] = mine
+    obj.modifiers.new("mine", "DISPLACE")
+    other = bpy.data.objects.new("other", obj.data)
     bpy.context.scene.collection.objects.link(other)
-    meshes, thing.data["plot"] = len(bpy.data.meshes), "B7"
+    meshes, obj.data["plot"] = len(bpy.data.meshes), "B7"
     assert bpy.ops.forest.grow_again() == {"FINISHED"}
-    np.testing.assert_array_equal(from_mesh(thing.data).vertices, grown.vertices)
+    np.testing.assert_array_equal(from_mesh(obj.data).vertices, grown.vertices)
     assert bpy.ops.forest.grow_again(new_seed=True) == {"FINISHED"}
-    assert (thing.data.forest_grown.seed, thing.data["plot"]) == (4, "B7")
-    assert not np.array_equal(from_mesh(thing.data).vertices, grown.vertices)
-    assert thing.data.materials[0] == mine
-    assert (other.data, len(thing.modifiers), len(bpy.data.meshes)) == (thing.data, 1, meshes)
-    thing.data.forest_grown.species = "hazelnut"
-    thing.data.forest_grown.generations = 0
+    assert (obj.data.forest_grown.seed, obj.data["plot"]) == (4, "B7")
+    assert not np.array_equal(from_mesh(obj.data).vertices, grown.vertices)
+    assert obj.data.materials[0] == mine
+    assert (other.data, len(obj.modifiers), len(bpy.data.meshes)) == (obj.data, 1, meshes)
+    obj.data.forest_grown.species = "hazelnut"
+    obj.data.forest_grown.generations = 0
     assert bpy.ops.forest.grow_again() == {"FINISHED"}
-    assert thing.data.materials[0].name == "hazelnut bark"
+    assert obj.data.materials[0].name == "hazelnut bark"
 
 
 def test_a_tree_of_another_file_is_left_to_that(props, tmp_path):

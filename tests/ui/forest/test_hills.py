@@ -37,8 +37,8 @@ def circles():
 
 
 def choose(*things):
-    for thing in bpy.context.scene.objects:
-        thing.select_set(thing in things)
+    for obj in bpy.context.scene.objects:
+        obj.select_set(obj in things)
     bpy.context.view_layer.objects.active = things[0]
 
 
@@ -57,11 +57,11 @@ def hill(hilly):
 
 
 def test_handles_lie_where_hills_are(hilly):
-    assert [thing.name for thing in circles()] == ["Hazelnut hill", "Hazelnut hill.001"]
-    for thing, hill in zip(circles(), HILLS, strict=True):
-        assert (*thing.location[:2], *thing.scale[:2]) == (*hill.centre, *hill.width)
-        assert thing.empty_display_size == 1
-        assert [home.name for home in thing.users_collection] == [layout.INTENSITY]
+    assert [obj.name for obj in circles()] == ["Hazelnut hill", "Hazelnut hill.001"]
+    for obj, hill in zip(circles(), HILLS, strict=True):
+        assert (*obj.location[:2], *obj.scale[:2]) == (*hill.centre, *hill.width)
+        assert obj.empty_display_size == 1
+        assert [home.name for home in obj.users_collection] == [layout.INTENSITY]
     assert said() == list(HILLS)
 
 

@@ -15,9 +15,9 @@ def grid(name, height=0.0):
     faces = [(i, i + 3, i + 4, i + 1) for i in (0, 1, 3, 4)]
     data = bpy.data.meshes.new(name)
     data.from_pydata(places, [], faces)
-    thing = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(thing)
-    return thing
+    obj = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
 
 
 def mark():
@@ -107,37 +107,37 @@ def test_the_terrain_that_is_moved_or_edited_counts(heard):
 
 
 def test_what_is_painted_counts(heard):
-    thing = grid("canvas")
-    group = thing.vertex_groups.new(name="trees")
+    obj = grid("canvas")
+    group = obj.vertex_groups.new(name="trees")
     heard.plantings[0].painted = "canvas:trees"
     found = [mark()]
     group.add([4], 0.7, "REPLACE")
-    thing.data.update()
+    obj.data.update()
     found.append(mark())
     group.add([4], 0.2, "REPLACE")
-    thing.data.update()
+    obj.data.update()
     found.append(mark())
     assert len(set(found)) == 3
 
 
 def test_weights_on_the_terrain_itself_count(heard):
-    thing = grid("hillside")
-    group = thing.vertex_groups.new(name="trees")
+    obj = grid("hillside")
+    group = obj.vertex_groups.new(name="trees")
     heard.forest.terrain.object = heard.plantings[0].painted = "hillside"
     before = mark()
     group.add([4], 0.7, "REPLACE")
-    thing.data.update()
+    obj.data.update()
     assert mark() != before
 
 
 def test_objects_that_say_where_trees_stand_count(heard):
-    thing = grid("tree")
+    obj = grid("tree")
     home = bpy.data.collections.new("places")
-    home.objects.link(thing)
+    home.objects.link(obj)
     bpy.context.scene.collection.children.link(home)
     heard.plantings[0].layout, heard.plantings[0].collection = "list", "places"
     before = mark()
-    thing.location.x = 1
+    obj.location.x = 1
     assert mark() != before
 
 

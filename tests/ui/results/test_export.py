@@ -221,7 +221,7 @@ def moving(props, sensor):
 
 
 def cloud():
-    return next(thing for thing in bpy.data.objects if CLOUD_KEY in thing)
+    return next(obj for obj in bpy.data.objects if CLOUD_KEY in obj)
 
 
 def middle():
@@ -242,21 +242,21 @@ def test_each_frame_shows_its_points(moving):
         found[frame] = middle()
     assert [found[frame] - found[1] for frame in (2, 3)] == pytest.approx([1, 2], abs=0.35)
     assert (found[9], found[0]) == (found[3], found[1])
-    assert len([thing for thing in bpy.data.objects if CLOUD_KEY in thing]) == 1
+    assert len([obj for obj in bpy.data.objects if CLOUD_KEY in obj]) == 1
 
 
 @pytest.mark.medium
 def test_what_was_done_to_the_points_stays_over_frames(moving):
     run("cloud")
-    thing = cloud()
+    obj = cloud()
     mine = bpy.data.materials.new("mine")
-    thing.data.materials[0] = mine
-    set_input(thing.modifiers[0], "Radius", 0.07)
+    obj.data.materials[0] = mine
+    set_input(obj.modifiers[0], "Radius", 0.07)
     run("cloud", frames="RANGE", keep=True)
     for frame in (1, 2, 3):
         bpy.context.scene.frame_set(frame)
-        assert cloud() == thing
-        assert list(thing.data.materials) == [mine]
+        assert cloud() == obj
+        assert list(obj.data.materials) == [mine]
 
 
 @pytest.mark.slow
@@ -319,10 +319,10 @@ def state(name, folder):
         path = folder / f"mine{ending}"
         assert press("export_result", result=name, filepath=str(path)) == {"FINISHED"}
         files.append(path.read_bytes())
-    thing, heard = points_of(result), heard_of(result)
+    obj, heard = points_of(result), heard_of(result)
     speaker = bpy.data.objects[name]
     return {
-        "shown": None if thing is None else places(thing.data).tobytes(),
+        "shown": None if obj is None else places(obj.data).tobytes(),
         "told": [(f.name, f.value) for f in result.figures if f.name not in CLOCKED],
         "legend": [(e.name, e.choice, tuple(e.colour)) for e in result.legend] or None,
         "drawn": result.picture.packed_file.data,
@@ -375,10 +375,10 @@ def test_each_kept_frame_exports_its_own(built, tmp_path, name):
         wall.location = (1 - 0.5 * frame, 2, 0)
         wall.keyframe_insert("location", frame=frame)
     if name == "reverb":
-        thing = bpy.data.objects[name]
+        obj = bpy.data.objects[name]
         for frame in (1, 2):
-            thing.location.x = frame
-            thing.keyframe_insert("location", frame=frame)
+            obj.location.x = frame
+            obj.keyframe_insert("location", frame=frame)
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 2
     alone = {}
@@ -454,8 +454,8 @@ def test_without_points_it_says_to_run_again(built, tmp_path):
 @pytest.mark.medium
 def test_a_result_follows_its_sensor(built, tmp_path):
     run("cloud")
-    thing, points = bpy.data.objects["cloud"], bpy.data.objects[built.results["cloud"].shown]
-    thing.name = "north tripod"
+    obj, points = bpy.data.objects["cloud"], bpy.data.objects[built.results["cloud"].shown]
+    obj.name = "north tripod"
     bpy.context.view_layer.update()
     follow_names(bpy.context.scene)
     result = built.results["north tripod"]

@@ -303,15 +303,15 @@ def points_of(props, name):
     return bpy.data.objects[props.results[name].shown]
 
 
-def colours(thing):
+def colours(obj):
     """Of the points as they are drawn, linear."""
-    evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     return seen_points(evaluated)[1][:, :3] ** (1 / GAMMA)
 
 
-def labels(thing, name):
-    out = np.empty(len(thing.data.vertices), np.int32)
-    thing.data.attributes[name].data.foreach_get("value", out)
+def labels(obj, name):
+    out = np.empty(len(obj.data.vertices), np.int32)
+    obj.data.attributes[name].data.foreach_get("value", out)
     return out
 
 
@@ -319,19 +319,17 @@ def labels(thing, name):
 @pytest.mark.parametrize("choice", ["Organ", "Species", "Object"])
 def test_each_name_stands_beside_the_colour_of_its_points(built, choice):
     run("cloud")
-    thing, legend = points_of(built, "cloud"), built.results["cloud"].legend
-    choose_input(thing.modifiers[0], COLOUR_BY, choice)
-    assert chosen_input(thing.modifiers[0], COLOUR_BY) == choice
-    seen = colours(thing)
+    obj, legend = points_of(built, "cloud"), built.results["cloud"].legend
+    choose_input(obj.modifiers[0], COLOUR_BY, choice)
+    assert chosen_input(obj.modifiers[0], COLOUR_BY) == choice
+    seen = colours(obj)
     entries = [entry for entry in legend if entry.choice == choice]
     assert entries
     for entry in entries:
         assert np.abs(seen - np.array(entry.colour)).max(axis=1).min() < 2e-3
     names = {entry.name for entry in entries}
     if choice == "Organ":
-        assert names == {
-            ("other", "wood", "leaf", "ground")[n] for n in set(labels(thing, "organ"))
-        }
+        assert names == {("other", "wood", "leaf", "ground")[n] for n in set(labels(obj, "organ"))}
     elif choice == "Species":
         assert names == {"hazelnut"}
     else:
@@ -378,15 +376,15 @@ def test_a_foreign_scene_starts_with_objects(props, sensor):
 @pytest.mark.medium
 def test_an_echo_offers_what_it_has(built):
     run("echo")
-    thing = points_of(built, "echo")
-    (modifier,) = thing.modifiers
+    obj = points_of(built, "echo")
+    (modifier,) = obj.modifiers
     assert chosen_input(modifier, COLOUR_BY) == "Loudness"
-    by_loudness = colours(thing)
+    by_loudness = colours(obj)
     level = np.empty(len(by_loudness), np.float32)
-    thing.data.attributes["level"].data.foreach_get("value", level)
+    obj.data.attributes["level"].data.foreach_get("value", level)
     assert by_loudness[np.argmax(level), 0] > by_loudness[np.argmin(level), 0]
     choose_input(modifier, COLOUR_BY, "Delay")
-    assert np.abs(colours(thing) - by_loudness).max() > 0.1
+    assert np.abs(colours(obj) - by_loudness).max() > 0.1
     menu = next(n for n in modifier.node_group.nodes if n.type == "MENU_SWITCH")
     offered = [item.name for item in menu.enum_items]
     assert offered == ["Loudness", "Tree", "Delay", "Distance", "Height"]
@@ -418,8 +416,8 @@ def test_cycles_renders_points_where_that_is_asked_for(props, sensor, tmp_path):
     sensor("terrestrial", name="cloud", position=(3, 0.5, 0.5), angle_step_deg=1)
     run("cloud")
     cube.hide_render = True
-    scene, thing = bpy.context.scene, points_of(props, "cloud")
-    set_input(thing.modifiers[0], "Radius", 0.05)
+    scene, obj = bpy.context.scene, points_of(props, "cloud")
+    set_input(obj.modifiers[0], "Radius", 0.05)
     eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     eye.location, eye.rotation_euler = (4, 0.5, 0.5), (np.pi / 2, 0, np.pi / 2)
     scene.collection.objects.link(eye)
@@ -428,7 +426,7 @@ def test_cycles_renders_points_where_that_is_asked_for(props, sensor, tmp_path):
     scene.render.resolution_x = scene.render.resolution_y = 32
     covered = []
     for hidden in (True, False):
-        thing.hide_render = hidden
+        obj.hide_render = hidden
         scene.render.filepath = str(tmp_path / f"{hidden}.png")
         bpy.ops.render.render(write_still=True)
         picture = bpy.data.images.load(scene.render.filepath)
@@ -442,20 +440,20 @@ def test_there_is_one_object_a_sensor(built):
     for _ in range(2):
         run("cloud")
         run("echo")
-    assert len([thing for thing in bpy.data.objects if CLOUD_KEY in thing]) == 2
+    assert len([obj for obj in bpy.data.objects if CLOUD_KEY in obj]) == 2
 
 
 @pytest.mark.medium
 def test_the_legend_follows_the_scale_of_colours(built):
     run("cloud")
-    thing = points_of(built, "cloud")
-    (modifier,) = thing.modifiers
+    obj = points_of(built, "cloud")
+    (modifier,) = obj.modifiers
     choose_input(modifier, COLOUR_BY, "Distance")
     choose_input(modifier, COLOUR_MAP, "Heat")
     assert {COLOUR_MAP, SHARE} <= set(drawn())
-    distance = np.empty(len(thing.data.vertices), np.float32)
-    thing.data.attributes["distance"].data.foreach_get("value", distance)
-    seen = colours(thing)
+    distance = np.empty(len(obj.data.vertices), np.float32)
+    obj.data.attributes["distance"].data.foreach_get("value", distance)
+    seen = colours(obj)
     for end, share in ((np.argmin(distance), 0.0), (np.argmax(distance), 1.0)):
         assert seen[end] == pytest.approx(on_map("Heat", share), abs=2e-3)
     shown = []
@@ -520,7 +518,7 @@ def test_what_renders_do_not_show_and_sensors_meet_is_said(built):
 def cloud(small):
     bpy.ops.forest.build()
     bpy.ops.forest.run(sensor="cloud")
-    return next(thing for thing in bpy.data.objects if CLOUD_KEY in thing)
+    return next(obj for obj in bpy.data.objects if CLOUD_KEY in obj)
 
 
 def points_drawn(cloud):
@@ -556,7 +554,7 @@ def test_points_beyond_the_ground_that_views_show_are_counted_and_left_out(small
     small.forest.margin = 400.0  # a horizon, of which views show 1.5 m around the field
     bpy.ops.forest.build()
     bpy.ops.forest.run(sensor="cloud")
-    cloud = next(thing for thing in bpy.data.objects if CLOUD_KEY in thing)
+    cloud = next(obj for obj in bpy.data.objects if CLOUD_KEY in obj)
     every = np.empty(3 * len(cloud.data.vertices), np.float32)
     cloud.data.attributes["position"].data.foreach_get("vector", every)
     flat = every.reshape(-1, 3)[:, :2]

@@ -34,10 +34,10 @@ def test_pulses_are_counted_as_they_are_sent(built):
     bpy.context.view_layer.objects.active.forest_sensor.mobile.pulse_rate = 500
     bpy.context.view_layer.update()
     observer = Observer(bpy.context.evaluated_depsgraph_get())
-    for thing in things():
-        settings = to_spec(bpy.context.scene, [thing])
+    for obj in things():
+        settings = to_spec(bpy.context.scene, [obj])
         found = observer.observe(settings.sensors[0], settings)
-        said = run.costs(bpy.context, [thing])[0].count
+        said = run.costs(bpy.context, [obj])[0].count
         if isinstance(found, TractorScan):
             assert said == found.distance.size
         else:
@@ -56,14 +56,14 @@ def test_tooltips_write_nothing_and_know_the_way_of_what_is_followed(props):
     sonar.forest_sensor.sonar.follow, sonar.forest_sensor.sonar.poses = "carrier", 7
     bpy.context.view_layer.update()
     exact = {}
-    for thing in things():
-        (sensor,) = to_spec(scene, [thing]).sensors
-        exact[thing.name] = kind_of(sensor).cost(sensor, Observer.way(sensor), "embree").count
+    for obj in things():
+        (sensor,) = to_spec(scene, [obj]).sensors
+        exact[obj.name] = kind_of(sensor).cost(sensor, Observer.way(sensor), "embree").count
     gone_to = []
     note = gone_to.append
     bpy.app.handlers.frame_change_pre.append(note)
     before = next_uid()
-    counts = {thing.name: run.costs(bpy.context, [thing])[0].count for thing in things()}
+    counts = {obj.name: run.costs(bpy.context, [obj])[0].count for obj in things()}
     for given in (SimpleNamespace(sensor=name, again=False) for name in ("", *counts)):
         assert run.FOREST_OT_run.description(bpy.context, given)
     bpy.app.handlers.frame_change_pre.remove(note)
@@ -76,11 +76,11 @@ def test_a_reverb_is_guessed_to_take_longer_among_more_trees(built, monkeypatch)
     """By what each tree adds; a run's pace is of the whole guess then."""
     monkeypatch.setattr(costs_of, "_pace", {})
     plantings = bpy.context.scene.forest_sensing.plantings
-    (thing,) = (one for one in things() if sensors.kind_of(one) == "reverb")
-    few = run.costs(bpy.context, [thing])[0]
+    (obj,) = (one for one in things() if sensors.kind_of(one) == "reverb")
+    few = run.costs(bpy.context, [obj])[0]
     plantings[0].standing += 1000
-    many = run.costs(bpy.context, [thing])[0]
-    settings = to_spec(bpy.context.scene, [thing])
+    many = run.costs(bpy.context, [obj])[0]
+    settings = to_spec(bpy.context.scene, [obj])
     kind, standing = KINDS["reverb"], sum(planting.standing for planting in plantings)
     more = [
         sum(kind.seconds_among(settings.sensors[0], settings, n, 1))
@@ -88,19 +88,19 @@ def test_a_reverb_is_guessed_to_take_longer_among_more_trees(built, monkeypatch)
     ]
     assert many.seconds - few.seconds == pytest.approx(more[1] - more[0])
     assert more[1] > more[0]
-    costs_of.note_pace(to_spec(bpy.context.scene, [thing]).sensors[0], many, 30.0)
-    assert run.costs(bpy.context, [thing])[0].seconds == pytest.approx(30.0)
+    costs_of.note_pace(to_spec(bpy.context.scene, [obj]).sensors[0], many, 30.0)
+    assert run.costs(bpy.context, [obj])[0].seconds == pytest.approx(30.0)
 
 
 def test_its_own_pace_counts_once_a_sensor_has_run(built, monkeypatch):
     monkeypatch.setattr(costs_of, "_pace", {})
-    (thing,) = (thing for thing in things() if thing.name == "cloud")
-    guess = run.costs(bpy.context, [thing])[0]
+    (obj,) = (obj for obj in things() if obj.name == "cloud")
+    guess = run.costs(bpy.context, [obj])[0]
     assert guess.seconds == pytest.approx(guess.setup + guess.work * costs_of.RAY)
     assert guess.setup > costs_of.BEGIN
-    sensor = to_spec(bpy.context.scene, [thing]).sensors[0]
+    sensor = to_spec(bpy.context.scene, [obj]).sensors[0]
     costs_of.note_pace(sensor, guess, 12.0)
-    assert run.costs(bpy.context, [thing])[0].seconds == pytest.approx(12.0)
+    assert run.costs(bpy.context, [obj])[0].seconds == pytest.approx(12.0)
     twice = Sonar(ears=2)  # of which the seconds to begin are no less by half
     guessed = [kind_of(bat).cost(bat, None, "embree") for bat in (Sonar(ears=1), twice)]
     assert 0.5 < guessed[0].seconds / guessed[1].seconds < 1.0
@@ -132,9 +132,9 @@ def test_what_all_frames_keep_counts_too(props):
 
 
 def test_what_is_large_is_asked_about_before(built):
-    for thing in things():
-        if thing.name == "cloud":
-            thing.forest_sensor.terrestrial.angle_step_deg = 0.01
+    for obj in things():
+        if obj.name == "cloud":
+            obj.forest_sensor.terrestrial.angle_step_deg = 0.01
     assert run.is_large(run.costs(bpy.context, things()))
     told = bpy.types.Operator.bl_rna_get_subclass_py("FOREST_OT_run").description
 
@@ -177,11 +177,11 @@ def test_what_set_a_scene_up_is_not_estimated_again(built, monkeypatch):
     """Until something of it has changed; a run that is too short says nothing of others."""
     monkeypatch.setattr(costs_of, "_pace", {})
     depsgraph.close()
-    (thing,) = (thing for thing in things() if thing.name == "cloud")
+    (obj,) = (obj for obj in things() if obj.name == "cloud")
 
     def estimate():
         bpy.context.view_layer.update()
-        return run.costs(bpy.context, [thing])[0]
+        return run.costs(bpy.context, [obj])[0]
 
     first = estimate()
     assert first.setup >= costs_of.BEGIN + costs_of.TRIANGLE * run.triangles_in(bpy.context.scene)
@@ -189,7 +189,7 @@ def test_what_set_a_scene_up_is_not_estimated_again(built, monkeypatch):
     again = estimate()
     assert again.setup == 0
     assert again.work == first.work
-    thing.location.x += 0.1
+    obj.location.x += 0.1
     assert estimate().setup == 0
     next(one for one in bpy.data.objects if "forest_tree" in one).location.x += 0.1
     assert estimate().setup == pytest.approx(first.setup)

@@ -44,8 +44,8 @@ def agree(image, scan):
 
 @pytest.mark.medium
 def test_the_image_is_the_scan_and_follows_the_scanner(built):
-    thing = bpy.data.objects["cloud"]
-    thing.forest_sensor.terrestrial.range_noise = 0.0
+    obj = bpy.data.objects["cloud"]
+    obj.forest_sensor.terrestrial.range_noise = 0.0
     choose("cloud")
     press("look_through")
     eye = look_through.eye()
@@ -53,13 +53,13 @@ def test_the_image_is_the_scan_and_follows_the_scanner(built):
     assert agree(eye.found.distance, scanned("cloud"))
     observer = eye.observer
     assert not eye.look(bpy.context)  # nothing has changed
-    thing.location.x += 0.5
-    thing.rotation_euler.z = 0.3
+    obj.location.x += 0.5
+    obj.rotation_euler.z = 0.3
     bpy.context.view_layer.update()
     assert eye.look(bpy.context)
     assert eye.observer is observer  # the scene is not read again
     assert agree(eye.found.distance, scanned("cloud"))
-    thing.forest_sensor.terrestrial.max_range = 2.0
+    obj.forest_sensor.terrestrial.max_range = 2.0
     assert eye.look(bpy.context)
     assert np.max(eye.found.distance, where=np.isfinite(eye.found.distance), initial=0) <= 2.0
 

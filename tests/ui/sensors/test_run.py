@@ -287,17 +287,17 @@ def test_turning_a_tripod_turns_its_window(props, sensor, turn):
 @pytest.mark.parametrize("kind", SENSORS.values())
 def test_what_a_sensor_does_not_heed_cannot_be_done_by_hand(props, sensor, kind):
     """Each turn either changes what a sensor is set to, or is locked."""
-    thing = sensor(kind)
+    obj = sensor(kind)
     for axis in range(3):
         bpy.context.view_layer.update()
-        before = exchange.sensor_of(thing)
-        was = thing.rotation_euler[axis]
-        thing.rotation_euler[axis] = was + 0.5
+        before = exchange.sensor_of(obj)
+        was = obj.rotation_euler[axis]
+        obj.rotation_euler[axis] = was + 0.5
         bpy.context.view_layer.update()
-        heeded = exchange.sensor_of(thing) != before
-        assert heeded or thing.lock_rotation[axis] or kind == "reverb"
-        thing.rotation_euler[axis] = was
-    assert all(thing.lock_scale)
+        heeded = exchange.sensor_of(obj) != before
+        assert heeded or obj.lock_rotation[axis] or kind == "reverb"
+        obj.rotation_euler[axis] = was
+    assert all(obj.lock_scale)
 
 
 # -------------------------------------------------------------------------------------------- flight
@@ -318,7 +318,7 @@ def test_a_flyer_stands_with_its_sensors(props):
     bpy.ops.forest.add_flight()
     flyer = bpy.data.objects["Flyer"]
     assert tuple(flyer.location) == (1.0, 2.0, 2.0)
-    assert {thing.name for thing in sensors_of(bpy.context.scene)} == {"Flyer lidar", "Flyer sonar"}
+    assert {obj.name for obj in sensors_of(bpy.context.scene)} == {"Flyer lidar", "Flyer sonar"}
     assert {s.follow for s in to_spec(bpy.context.scene).sensors} == {"Flyer"}
 
 
@@ -404,16 +404,16 @@ def test_the_menu_has_the_instruments_of_what_carries_the_sensor(sensor, kind):
 
 
 def test_choosing_an_instrument_is_the_same_as_in_python(sensor):
-    thing = sensor("terrestrial", position=(1.0, 2.0, 3.0))
+    obj = sensor("terrestrial", position=(1.0, 2.0, 3.0))
     assert bpy.ops.forest.choose_instrument(scanner=listed()["RIEGL VZ-400i"]) == {"FINISHED"}
-    found = exchange.sensor_of(thing)
+    found = exchange.sensor_of(obj)
     chosen = forest.instrument("riegl-vz-400i", position=(1.0, 2.0, 3.0), name=found.name)
     assert found.beam == chosen.beam
     assert (found.pulse_rate, found.max_range) == (chosen.pulse_rate, chosen.max_range)
     assert found.position == chosen.position
     bpy.ops.forest.choose_instrument(scanner="")
-    assert exchange.sensor_of(thing).beam == chosen.beam  # settings stay, they are one's own now
-    assert thing.forest_sensor.terrestrial.scanner == ""
+    assert exchange.sensor_of(obj).beam == chosen.beam  # settings stay, they are one's own now
+    assert obj.forest_sensor.terrestrial.scanner == ""
 
 
 def test_a_tooltip_says_range_rate_and_spread(sensor):
@@ -474,18 +474,18 @@ def room(props):
 def test_each_runs_at_once_in_any_scene(room, which):
     bpy.context.scene.cursor.location = (-2, 0, 3)
     assert press("add_sensor", kind=which) == {"FINISHED"}
-    thing = bpy.context.view_layer.objects.active
-    assert thing.name == STARTS[which].title
-    group = getattr(thing.forest_sensor, STARTS[which].kind)
+    obj = bpy.context.view_layer.objects.active
+    assert obj.name == STARTS[which].title
+    group = getattr(obj.forest_sensor, STARTS[which].kind)
     for name, coarse in {"angle_step_deg": 4.0, "step": 1.0, "pulse_rate": 2000.0}.items():
         if hasattr(group, name):
             setattr(group, name, coarse)
-    assert run(thing.name) == {"FINISHED"}
-    assert thing.name in room.results
+    assert run(obj.name) == {"FINISHED"}
+    assert obj.name in room.results
     assert exchange.forestless(room)
     assert not exchange.untouched(room)
     if STARTS[which].kind not in ("sonar", "reverb"):
-        points = bpy.data.objects[room.results[thing.name].shown]
+        points = bpy.data.objects[room.results[obj.name].shown]
         assert len(points.data.vertices if points.type == "MESH" else points.data.points) > 10
 
 
@@ -494,8 +494,8 @@ def test_it_stands_on_the_ground_below_the_cursor(room):
     for cursor, foot in (((0, 0, 3), 3), ((0, 0, 40), 3), ((50, 0, 1), 1), ((3.5, 0, 0), 3)):
         scene.cursor.location = cursor
         press("add_sensor", kind="terrestrial")
-        thing = bpy.context.view_layer.objects.active
-        assert np.allclose(thing.location, (*cursor[:2], foot + 1.6), atol=1e-5)
+        obj = bpy.context.view_layer.objects.active
+        assert np.allclose(obj.location, (*cursor[:2], foot + 1.6), atol=1e-5)
         scene.cursor.location = (0, 0, 0)
 
 
@@ -511,8 +511,8 @@ def test_a_path_goes_through_what_there_is_to_sense(room):
 def test_a_path_goes_with_its_sensor_unless_a_copy_follows_it(room):
     before = counts()
     press("add_sensor", kind="mobile")
-    thing = bpy.context.view_layer.objects.active
-    copy = thing.copy()
+    obj = bpy.context.view_layer.objects.active
+    copy = obj.copy()
     sensors.home_of(bpy.context.scene).objects.link(copy)
     press("remove_sensor")
     assert sensors._held(copy, sensors.PATH_KEY).name in bpy.data.objects
@@ -525,5 +525,5 @@ def test_a_path_goes_with_its_sensor_unless_a_copy_follows_it(room):
 def test_a_forest_grown_later_leaves_the_users_sensors(room):
     press("scan_here")
     assert press("build") == {"FINISHED"}
-    assert [thing.name for thing in sensors.sensors_of(bpy.context.scene)] == ["Tripod LiDAR"]
+    assert [obj.name for obj in sensors.sensors_of(bpy.context.scene)] == ["Tripod LiDAR"]
     assert len(room.plantings)

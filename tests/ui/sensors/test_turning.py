@@ -31,9 +31,9 @@ def direction(azimuth_deg, elevation_deg):
     return np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
 
 
-def rays(thing):
+def rays(obj):
     """(R, 3), (R, 3) where from and where to the sensor of an object looks: its first rays, and some more."""
-    sensor = exchange.sensor_of(thing)
+    sensor = exchange.sensor_of(obj)
     if sensor.kind == "sonar":
         way = Observer.way(sensor)
         pose = posed(sensor) if way is None else way[0]
@@ -60,50 +60,50 @@ def added(which):
 @pytest.mark.parametrize("which", STARTS)
 def test_rays_move_and_turn_with_what_a_hand_may_move(props, which):
     """The object itself; of a drone and a vehicle, which are locked, the curve that the panel points to."""
-    thing = added(which)
-    if kind_of(thing) == "mobile":
-        assert all((*thing.lock_location, *thing.lock_rotation))
-        assert KINDS["mobile"].fixed(thing.forest_sensor.mobile) == "Move what it follows"
-        held = thing[PATH_KEY]
+    obj = added(which)
+    if kind_of(obj) == "mobile":
+        assert all((*obj.lock_location, *obj.lock_rotation))
+        assert KINDS["mobile"].fixed(obj.forest_sensor.mobile) == "Move what it follows"
+        held = obj[PATH_KEY]
     else:
-        held = thing
-        assert not any((thing.lock_rotation[2], *thing.lock_location))
-    origin, way = rays(thing)
+        held = obj
+        assert not any((obj.lock_rotation[2], *obj.lock_location))
+    origin, way = rays(obj)
     pivot = np.array(held.location)
     held.rotation_euler.z += TURN
     held.location = pivot + MOVE
     bpy.context.view_layer.update()
     cos, sin = math.cos(TURN), math.sin(TURN)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    moved, turned = rays(thing)
+    moved, turned = rays(obj)
     assert np.abs(turned - way @ turn.T).max() < 2e-5
     assert np.abs(moved - ((origin - pivot) @ turn.T + pivot + MOVE)).max() < 2e-3
 
 
 @pytest.mark.parametrize("which", ["sonar", "reverb"])
 def test_what_may_look_up_does(props, which):
-    thing = added(which)
-    _, way = rays(thing)
+    obj = added(which)
+    _, way = rays(obj)
     axis = 1 if which == "sonar" else 0
-    thing.rotation_euler[axis] += 0.3 * (-1 if which == "sonar" else 1)
+    obj.rotation_euler[axis] += 0.3 * (-1 if which == "sonar" else 1)
     bpy.context.view_layer.update()
-    raised = math.asin(rays(thing)[1][0, 2]) - math.asin(way[0, 2])
+    raised = math.asin(rays(obj)[1][0, 2]) - math.asin(way[0, 2])
     assert raised == pytest.approx(0.3, abs=1e-5)
 
 
 @pytest.mark.parametrize("which", STARTS)
 def test_a_parent_moves_and_turns_it_too(props, which):
     """Locks are for hands; a parent, a constraint or a key moves what hands may move."""
-    thing = added(which)
-    held = thing.get(PATH_KEY, thing)
+    obj = added(which)
+    held = obj.get(PATH_KEY, obj)
     carrier = bpy.data.objects.new("carrier", None)
     bpy.context.scene.collection.objects.link(carrier)
     held.parent = carrier
     bpy.context.view_layer.update()
-    origin, way = rays(thing)
+    origin, way = rays(obj)
     carrier.location, carrier.rotation_euler.z = (3, 4, 0), math.pi / 2
     bpy.context.view_layer.update()
-    moved, turned = rays(thing)
+    moved, turned = rays(obj)
     assert np.abs(turned - np.stack([-way[:, 1], way[:, 0], way[:, 2]], axis=1)).max() < 2e-5
     expected = np.stack([3 - origin[:, 1], 4 + origin[:, 0], origin[:, 2]], axis=1)
     assert np.abs(moved - expected).max() < 2e-3
@@ -111,15 +111,15 @@ def test_a_parent_moves_and_turns_it_too(props, which):
 
 @pytest.mark.parametrize("which", STARTS)
 def test_where_a_turn_has_no_effect_the_panel_says_why(props, which):
-    thing = added(which)
-    kind = kind_of(thing)
+    obj = added(which)
+    kind = kind_of(obj)
     if len(KINDS[kind].turns) < 3 or kind == "reverb":
-        assert KINDS[kind].fixed(getattr(thing.forest_sensor, kind))
+        assert KINDS[kind].fixed(getattr(obj.forest_sensor, kind))
 
 
 def test_a_bat_that_follows_says_so(props):
-    thing, other = added("sonar"), bpy.data.objects["cube"]
-    settings = thing.forest_sensor.sonar
+    obj, other = added("sonar"), bpy.data.objects["cube"]
+    settings = obj.forest_sensor.sonar
     settings.follow = other.name
     assert KINDS["sonar"].fixed(settings) == "Move what it follows"
     settings.follow, settings.route = "", "bat.csv"
@@ -141,33 +141,33 @@ def scene(props):
 
 def anywhere_added(kind, **settings):
     press("add_sensor", kind=kind)
-    thing = bpy.context.view_layer.objects.active
+    obj = bpy.context.view_layer.objects.active
     for name, value in settings.items():
-        setattr(getattr(thing.forest_sensor, kind), name, value)
-    return thing
+        setattr(getattr(obj.forest_sensor, kind), name, value)
+    return obj
 
 
-def send(thing, home):
-    for old in list(thing.users_collection):
-        old.objects.unlink(thing)
-    home.objects.link(thing)
+def send(obj, home):
+    for old in list(obj.users_collection):
+        old.objects.unlink(obj)
+    home.objects.link(obj)
     bpy.context.view_layer.update()
 
 
 def test_in_any_collection_it_is_listed_chosen_and_removed(scene):
-    thing = anywhere_added("terrestrial")
+    obj = anywhere_added("terrestrial")
     own = bpy.data.collections.new("instruments")
     scene.collection.children.link(own)
     for home in (own, scene.collection, part(scene, TREES), grove(scene, "oak")):
-        send(thing, home)
-        assert sensors.sensors_of(scene) == [thing]
-        bpy.context.view_layer.objects.active = thing
-        assert chosen_sensor(bpy.context) == thing
+        send(obj, home)
+        assert sensors.sensors_of(scene) == [obj]
+        bpy.context.view_layer.objects.active = obj
+        assert chosen_sensor(bpy.context) == obj
         listed = sensors.home_of(scene).objects
-        assert listed[scene.forest_sensing.active_sensor] == thing
+        assert listed[scene.forest_sensing.active_sensor] == obj
     other = anywhere_added("sonar")
-    scene.forest_sensing.active_sensor = list(sensors.home_of(scene).objects).index(thing)
-    assert chosen_sensor(bpy.context) == thing
+    scene.forest_sensing.active_sensor = list(sensors.home_of(scene).objects).index(obj)
+    assert chosen_sensor(bpy.context) == obj
     assert [s.kind for s in exchange.to_spec(scene).sensors] == ["sonar", "terrestrial"]
     press("remove_sensor")
     assert sensors.sensors_of(scene) == [other]
@@ -178,22 +178,22 @@ def test_among_many_trees_it_is_seen_as_it_comes_and_goes(scene):
     for _ in range(12):
         oaks.objects.link(bpy.data.objects.new("oak", None))
     assert sensors.sensors_of(scene) == []
-    thing = anywhere_added("terrestrial")
-    send(thing, oaks)
-    assert sensors.sensors_of(scene) == [thing]
-    copy = thing.copy()
+    obj = anywhere_added("terrestrial")
+    send(obj, oaks)
+    assert sensors.sensors_of(scene) == [obj]
+    copy = obj.copy()
     oaks.objects.link(copy)
-    assert set(sensors.sensors_of(scene)) == {thing, copy}
-    thing.name = "renamed"
+    assert set(sensors.sensors_of(scene)) == {obj, copy}
+    obj.name = "renamed"
     assert {s.name for s in sensors.sensors_of(scene)} == {"renamed", copy.name}
     bpy.data.objects.remove(copy)
-    assert sensors.sensors_of(scene) == [thing]
+    assert sensors.sensors_of(scene) == [obj]
 
 
 def saved(tmp_path, kind, **settings):
     """A file with one sensor, and the sensor's name."""
-    thing = anywhere_added(kind, **settings)
-    name = thing.name
+    obj = anywhere_added(kind, **settings)
+    name = obj.name
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "field.blend"))
     bpy.ops.wm.read_homefile(app_template="", use_empty=True)
     return name
@@ -202,18 +202,18 @@ def saved(tmp_path, kind, **settings):
 def loaded(tmp_path, name, link):
     with bpy.data.libraries.load(str(tmp_path / "field.blend"), link=link) as (_, target):
         target.objects = [name]
-    (thing,) = target.objects
-    bpy.context.scene.collection.objects.link(thing)
-    bpy.context.view_layer.objects.active = thing
+    (obj,) = target.objects
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
     bpy.context.view_layer.update()
-    return thing
+    return obj
 
 
 def test_pasted_into_another_file_it_runs_with_its_settings(scene, tmp_path):
     """As Append and Paste do it: into the scene's own collection, what it points to into none."""
     name = saved(tmp_path, "terrestrial", angle_step_deg=7.5)
-    thing = loaded(tmp_path, name, link=False)
-    assert sensors.sensors_of(bpy.context.scene) == [thing]
+    obj = loaded(tmp_path, name, link=False)
+    assert sensors.sensors_of(bpy.context.scene) == [obj]
     (settings,) = exchange.to_spec(bpy.context.scene).sensors
     assert settings.angle_step_deg == 7.5
     assert find_part(bpy.context.scene, TREES) is None  # no forest is needed
@@ -221,13 +221,13 @@ def test_pasted_into_another_file_it_runs_with_its_settings(scene, tmp_path):
 
 def test_a_pasted_reverb_says_that_its_receiver_is_missing_and_adopts_it(scene, tmp_path):
     name = saved(tmp_path, "reverb")
-    thing = loaded(tmp_path, name, link=False)
-    receiver = sensors.receiver_of(thing)
+    obj = loaded(tmp_path, name, link=False)
+    receiver = sensors.receiver_of(obj)
     assert receiver is not None
     assert not receiver.users_scene
-    assert sensors.is_foreign(bpy.context.scene, thing)
+    assert sensors.is_foreign(bpy.context.scene, obj)
     assert press("adopt_sensor") == {"FINISHED"}
-    assert not sensors.is_foreign(bpy.context.scene, thing)
+    assert not sensors.is_foreign(bpy.context.scene, obj)
     assert receiver.users_scene == (bpy.context.scene,)
     place = tuple(receiver.location)
     (settings,) = exchange.to_spec(bpy.context.scene).sensors
@@ -236,9 +236,9 @@ def test_a_pasted_reverb_says_that_its_receiver_is_missing_and_adopts_it(scene, 
 
 def test_a_linked_sensor_is_adopted(scene, tmp_path):
     name = saved(tmp_path, "sonar", ears=2)
-    thing = loaded(tmp_path, name, link=True)
+    obj = loaded(tmp_path, name, link=True)
     assert sensors.sensors_of(bpy.context.scene) == []
-    assert sensors.is_foreign(bpy.context.scene, thing)
+    assert sensors.is_foreign(bpy.context.scene, obj)
     assert press("adopt_sensor") == {"FINISHED"}
     (made,) = sensors.sensors_of(bpy.context.scene)
     assert made.library is None
@@ -248,13 +248,13 @@ def test_a_linked_sensor_is_adopted(scene, tmp_path):
 
 
 def test_one_of_another_scenes_forest_is_copied(scene):
-    thing = anywhere_added("terrestrial")
+    obj = anywhere_added("terrestrial")
     other = bpy.data.scenes.new("other")
     part(other, "Sensors")
     other.collection.children.link(root(scene))  # shown there, too
     assert sensors.sensors_of(other) == []
-    assert sensors.is_foreign(other, thing)
-    made = sensors.adopt(other, thing)
-    assert made != thing
+    assert sensors.is_foreign(other, obj)
+    made = sensors.adopt(other, obj)
+    assert made != obj
     assert sensors.sensors_of(other) == [made]
-    assert sensors.sensors_of(scene) == [thing]
+    assert sensors.sensors_of(scene) == [obj]

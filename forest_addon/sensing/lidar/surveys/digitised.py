@@ -86,7 +86,7 @@ class Haze:
 
         depth : (R,) area that a ray crosses, m² a m². origins, directions : (R, 3). farthest : (R,) metres.
         """
-        found, left = np.full(len(origins), np.inf), depth.copy()
+        distance, left = np.full(len(origins), np.inf), depth.copy()
         inward = np.linalg.inv(self.transform[:, :3]) / self.size
         start = (origins - self.transform[:, 3]) @ inward.T - self.low / self.size
         grid = Cells(np.zeros(3, np.int64), np.array(self.density.shape), 1.0)
@@ -95,10 +95,10 @@ class Haze:
             crossed = density * (step.leave - step.enter)
             met = crossed >= left[step.line]
             row = step.line[met]
-            found[row] = step.enter[met] + left[row] / density[met]
+            distance[row] = step.enter[met] + left[row] / density[met]
             left[step.line] -= crossed
             left[row] = np.inf  # no farther
-        return found
+        return distance
 
 
 class SurveyScan(Scan):
@@ -141,18 +141,18 @@ class SurveyScan(Scan):
     def _met(
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
     ) -> Contacts:
-        found = super()._met(rays, keys, at)
+        contacts = super()._met(rays, keys, at)
         for number, haze in enumerate(self._hazes):
             nearest = np.full(len(keys), self.scanner.max_range)
-            np.minimum.at(nearest, found.ray, found.hits.distance)
+            np.minimum.at(nearest, contacts.ray, contacts.hits.distance)
             chance = keyed_uniform(child_keys(keys, number), "voxels")
             distance = haze.reach(*rays, -np.log(chance), nearest)
             met = np.flatnonzero(np.isfinite(distance))
-            kept = found.select(np.flatnonzero(found.hits.distance <= distance[found.ray]))
+            kept = contacts.select(np.flatnonzero(contacts.hits.distance <= distance[contacts.ray]))
             first = np.zeros(len(met), dtype=np.int64)
             there = np.full(len(met), haze.instance)
             hits = Hits(distance[met], there, first, -rays[1][met])
             organ = self.caster.scene.meshes[haze.instance].part[first]
-            found = Contacts.joined([kept, Contacts(met, hits, organ, np.ones(len(met)))])
-            found = found.select(np.lexsort((found.hits.distance, found.ray)))
-        return found
+            contacts = Contacts.joined([kept, Contacts(met, hits, organ, np.ones(len(met)))])
+            contacts = contacts.select(np.lexsort((contacts.hits.distance, contacts.ray)))
+        return contacts

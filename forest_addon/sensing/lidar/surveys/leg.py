@@ -109,8 +109,8 @@ class SurveyLeg:
         for index in distinct(channel):
             rows = np.flatnonzero(channel == index)
             time = (step[rows] + 1) / leg.pulse_rate
-            found = risley(time, device.prisms, device.incident[index])
-            way[rows], across[rows], angle[rows] = found
+            deflected = risley(time, device.prisms, device.incident[index])
+            way[rows], across[rows], angle[rows] = deflected
         return way, across, angle
 
 

@@ -153,13 +153,13 @@ def _long_sweeps(line: FlightLine, time: np.ndarray) -> list[tuple[int, int]]:
     step = np.diff(time)
     usual = max(float(np.median(step[step > 0])), 1e-9) if (step > 0).any() else 1e-9
     cuts = [0, *(np.flatnonzero(step > BREAK * usual) + 1).tolist(), len(time)]
-    found = [(a, b) for a, b in pairwise(cuts) if b - a >= LONG_SWEEP and time[b - 1] > time[a]]
-    if len(found) < 3:
+    sweeps = [(a, b) for a, b in pairwise(cuts) if b - a >= LONG_SWEEP and time[b - 1] > time[a]]
+    if len(sweeps) < 3:
         raise SpecError(
             f"line {line.number}",
             "has fewer than three sweeps of a dozen pulses; nothing tells its pattern",
         )
-    return found
+    return sweeps
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
@@ -249,13 +249,13 @@ def lines_of(
     last = np.append(first[1:], len(pulse)) - 1
     whole = (last - first + 1 == count[first]) & (number[first] == 1)
     long = np.linalg.norm(place[last] - place[first], axis=1) > APART
-    found = {}
+    lines = {}
     for name in distinct(line).tolist():
         rows = np.flatnonzero(whole & long & (line[first] == name))
         if len(rows) >= FEWEST:
             ends = place[first[rows]], place[last[rows]]
-            found[name] = _fitted(name, time[first[rows]], *ends)
-    return found
+            lines[name] = _fitted(name, time[first[rows]], *ends)
+    return lines
 
 
 def _fitted(name: int, time: np.ndarray, near: np.ndarray, far: np.ndarray) -> FlightLine:

@@ -88,10 +88,10 @@ class SteppedPath:
 
     def _placed(self, step: np.ndarray) -> np.ndarray:
         known, which = np.unique(step, return_inverse=True)
-        states, found = self._states(known), np.empty((len(known), 3, 4))
-        found[:, :, :3] = states[:, 0, :3, :3] @ self._turn
-        found[:, :, 3] = self._centre(states) - found[:, :, :3] @ self._own
-        return np.asarray(found[which])
+        states, placed = self._states(known), np.empty((len(known), 3, 4))
+        placed[:, :, :3] = states[:, 0, :3, :3] @ self._turn
+        placed[:, :, 3] = self._centre(states) - placed[:, :, :3] @ self._own
+        return np.asarray(placed[which])
 
     def _centre(self, states: np.ndarray) -> np.ndarray:
         """(N, 3) metres, where states have taken the middle."""
@@ -104,13 +104,13 @@ class SteppedPath:
         rounds = again // max(first[-1] - first[begin], 1) if begin < len(first) - 1 else 0 * again
         place = step - rounds * (first[-1] - first[begin])
         run = np.searchsorted(first[1:-1], place, "right")
-        found = np.empty((len(step), 2, 4, 4))
+        products = np.empty((len(step), 2, 4, 4))
         for number in distinct(run).tolist():
             rows = np.flatnonzero(run == number)
             since = place[rows] - first[number]
             if self._motion.times[number]:
                 since = np.minimum(since, self._motion.times[number])
-            found[rows] = powers(self._motion.steps[number], since) @ self._within[number]
+            products[rows] = powers(self._motion.steps[number], since) @ self._within[number]
             if number >= begin:
-                found[rows] = found[rows] @ powers(self._round, rounds[rows]) @ self._ahead
-        return found
+                products[rows] = products[rows] @ powers(self._round, rounds[rows]) @ self._ahead
+        return products

@@ -74,10 +74,10 @@ def read_sbet(path: Path, crs: str) -> np.ndarray:
     ------
     SpecError : no system is named, pyproj is not there, or the file is no SBET.
     """
-    found = np.fromfile(path, dtype="<f8")
-    if not len(found) or len(found) % RECORD:
-        raise SpecError(str(path), f"is no SBET: {8 * len(found)} bytes are no records of 136")
-    time, lat, lon, up, _, _, _, roll, pitch, heading, wander = found.reshape(-1, RECORD).T[:11]
+    stored = np.fromfile(path, dtype="<f8")
+    if not len(stored) or len(stored) % RECORD:
+        raise SpecError(str(path), f"is no SBET: {8 * len(stored)} bytes are no records of 136")
+    time, lat, lon, up, _, _, _, roll, pitch, heading, wander = stored.reshape(-1, RECORD).T[:11]
     if (np.abs(lat) > np.pi / 2).any() or (np.abs(lon) > 2 * np.pi).any():
         raise SpecError(str(path), "is no SBET: latitudes or longitudes are no radians")
     if not crs:

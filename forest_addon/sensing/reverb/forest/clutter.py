@@ -148,7 +148,7 @@ class Clutter:
 
     @property
     def layers(self) -> int:
-        """Return how many."""
+        """Number of them."""
         return max(len(self.length), len(self.leaf_area), len(self.needle_area))
 
     def with_leaves(self, density: float) -> Clutter:
@@ -299,9 +299,9 @@ def shoot_triangles(mesh: TriMesh) -> np.ndarray:
     corners = mesh.vertices[mesh.triangles[rows]]
     facing = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     shoot = _is_shoot(mesh, rows, facing, int(mesh.leaf[rows].max(initial=-1)) + 1)
-    found = np.zeros(len(mesh.triangles), bool)
-    found[rows] = shoot[mesh.leaf[rows]]
-    return found
+    is_shoot = np.zeros(len(mesh.triangles), bool)
+    is_shoot[rows] = shoot[mesh.leaf[rows]]
+    return is_shoot
 
 
 def _is_shoot(mesh: TriMesh, rows: np.ndarray, facing: np.ndarray, count: int) -> np.ndarray:
@@ -424,18 +424,16 @@ def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> C
     needles = clutter.needle_area[layer] if layer < len(clutter.needle_area) else 0.0
     if not wood.any() and leaves <= 0 and needles <= 0:
         return None
-    found = leaves * _leaf_widths(clutter.leaf_radius, speed)
+    loss = leaves * _leaf_widths(clutter.leaf_radius, speed)
     if len(wood):
         every = SPECTRUM[:, None]
-        found = (
-            found + (_widths(clutter, every, speed) + _taken(clutter, every, speed, takes)) @ wood
-        )
+        loss = loss + (_widths(clutter, every, speed) + _taken(clutter, every, speed, takes)) @ wood
     if needles > 0:
         of_needles = [sum(_needles(clutter, f, speed, takes)[:3]) for f in SPECTRUM.tolist()]
-        found = found + needles * np.array(of_needles)
+        loss = loss + needles * np.array(of_needles)
     from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import
 
-    return CubicSpline(np.log(SPECTRUM), np.log(0.5 * np.maximum(found, 1e-30)))
+    return CubicSpline(np.log(SPECTRUM), np.log(0.5 * np.maximum(loss, 1e-30)))
 
 
 def leaf_loss(
@@ -464,7 +462,7 @@ def _taken(
 ) -> np.ndarray:
     """(..., K) m of width whose sound a metre of branch takes for good."""
     radii = np.array(clutter.radii)
-    found = np.zeros(np.broadcast_shapes(np.shape(frequency), radii.shape))
+    taken = np.zeros(np.broadcast_shapes(np.shape(frequency), radii.shape))
     if takes.bark > 0:
         across = np.array(clutter.across)
         size = np.maximum(2.0 * math.pi * frequency / speed * radii * across, THIN)
@@ -472,10 +470,10 @@ def _taken(
             1.0 + size**2
         ) / size**2  # trunks' bark fades out below ka = 1, where none is measured
         absorbed = cross_sections(size.ravel(), takes.bark).absorption.reshape(size.shape)
-        found += absorbed * whole * radii * across
+        taken += absorbed * whole * radii * across
     if takes.boundary:
-        found += twig_loss(radii, frequency, speed)
-    return found
+        taken += twig_loss(radii, frequency, speed)
+    return taken
 
 
 def _leaf_width(radius: float, frequency: float, speed: float) -> float:
@@ -494,12 +492,12 @@ def _turned(radius: float, frequency: float, speed: float) -> np.ndarray:
     each = np.abs(transfer(frequency, turn[:, None], size, speed)) ** 2  # (SCATTER_TURNS, slopes)
     widths = cross_sections(2.0 * math.pi * frequency / speed * size)
     shadow = (widths.extinction - widths.energy) * size
-    found = np.zeros(ANGLES)
+    turned = np.zeros(ANGLES)
     for gamma, column, lobe in zip(slope.tolist(), each.T, shadow.tolist(), strict=True):
         weight = math.sin(gamma) ** 2 * without_shadow(column, lobe)
         cosine = math.cos(gamma) ** 2 + math.sin(gamma) ** 2 * np.cos(turn)
         row = np.minimum((np.arccos(np.clip(cosine, -1, 1)) * (ANGLES / math.pi)).astype(int), 89)
-        found += np.bincount(row, weight, ANGLES)
+        turned += np.bincount(row, weight, ANGLES)
     edges = np.cos(np.linspace(0.0, math.pi, ANGLES + 1))
-    found /= 2.0 * math.pi * -np.diff(edges)
-    return found / (found @ (2.0 * math.pi * -np.diff(edges)))
+    turned /= 2.0 * math.pi * -np.diff(edges)
+    return turned / (turned @ (2.0 * math.pi * -np.diff(edges)))

@@ -51,8 +51,8 @@ class Layer:
         z = self.impedance[band]
         hard = ~np.isfinite(z)
         z = np.where(hard, 1.0, z)
-        found = np.abs((z * sine - 1.0) / (z * sine + 1.0)) ** 2
-        return np.where(hard, 1.0, found)
+        reflected = np.abs((z * sine - 1.0) / (z * sine + 1.0)) ** 2
+        return np.where(hard, 1.0, reflected)
 
 
 class _Tables:
@@ -132,7 +132,7 @@ def diffused(
     source, receiver : (3,) metres above a level ground. packets : of each octave, SHARES or more.
     """
     tables, bands = _Tables(layer), len(layer.scatters)
-    found = np.zeros((SHARES, bands, len(edges) - 1))
+    gathered = np.zeros((SHARES, bands, len(edges) - 1))
     moving = _Packets(np.repeat(np.arange(bands), packets), np.asarray(source, np.float64), rng)
     for band, energy in enumerate(sent):
         moving.weight[moving.band == band] = energy(moving.way[moving.band == band])
@@ -152,10 +152,10 @@ def diffused(
         moving.weight[trunk] *= tables.kept[moving.band[trunk]]
         moving.met |= turned
         rows = np.flatnonzero(moving.met & (trunk | turned))
-        _count(found, moving, rows, trunk[rows], tables, layer, np.asarray(receiver), edges)
+        _count(gathered, moving, rows, trunk[rows], tables, layer, np.asarray(receiver), edges)
         moving.turn_at_trunks(np.flatnonzero(trunk), tables, rng)
         moving.turn_in_space(np.flatnonzero(turned), tables, rng)
-    return found * (4.0 * math.pi * SHARES / packets) / np.diff(edges)
+    return gathered * (4.0 * math.pi * SHARES / packets) / np.diff(edges)
 
 
 class _Packets:
@@ -228,12 +228,12 @@ class _Packets:
         first /= np.linalg.norm(first, axis=1, keepdims=True)
         second = np.cross(way, first)
         aside = np.cos(around)[:, None] * first + np.sin(around)[:, None] * second
-        found = np.cos(angle)[:, None] * way + np.sin(angle)[:, None] * aside
-        self.way[rows] = found / np.linalg.norm(found, axis=1, keepdims=True)
+        turned = np.cos(angle)[:, None] * way + np.sin(angle)[:, None] * aside
+        self.way[rows] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
 def _count(
-    found: np.ndarray,
+    energy: np.ndarray,
     moving: _Packets,
     rows: np.ndarray,
     trunk: np.ndarray,
@@ -273,10 +273,10 @@ def _count(
         counted = moving.weight[rows] * share * np.exp(-lost)
         counted *= np.where(distance < NEAREST, 3.0 / NEAREST**2, distance**-2.0)
         column = np.searchsorted(edges, moving.travelled[rows] + distance, side="right") - 1
-        inside = (column >= 0) & (column < found.shape[2])
-        row = moving.share[rows] * found.shape[1] + band
-        at = row[inside] * found.shape[2] + column[inside]
-        found += np.bincount(at, counted[inside], found.size).reshape(found.shape)
+        inside = (column >= 0) & (column < energy.shape[2])
+        row = moving.share[rows] * energy.shape[1] + band
+        at = row[inside] * energy.shape[2] + column[inside]
+        energy += np.bincount(at, counted[inside], energy.size).reshape(energy.shape)
 
 
 def _of_trunks(band: np.ndarray, way: np.ndarray, away: np.ndarray, tables: _Tables) -> np.ndarray:

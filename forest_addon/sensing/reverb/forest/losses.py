@@ -148,14 +148,14 @@ class Losses:
 
     def of_clutter(self, frequency: np.ndarray) -> np.ndarray:
         """(F,) nepers of amplitude per metre that leaves and branches take, and scatter away."""
-        found = self.of_leaves(frequency)
+        loss = self.of_leaves(frequency)
         level = None
         if self.scattered and not self.stand.clutter.empty:
             height = 0.5 * (self.source_height + self.receiver_height)
             level = _level(self.stand.clutter, height, self.air.speed(), self.takes)
         if level is None:
-            return found
-        return found + np.exp(level(np.log(np.clip(frequency, LOWEST, HIGHEST))))
+            return loss
+        return loss + np.exp(level(np.log(np.clip(frequency, LOWEST, HIGHEST))))
 
     def of_leaves(self, frequency: np.ndarray) -> np.ndarray:
         """(F,) nepers of amplitude per metre that leaves take."""
@@ -163,7 +163,7 @@ class Losses:
 
     @property
     def takes(self) -> Takes:
-        """Return what leaves and branches take for good."""
+        """Loss to leaves and branches that take sound for good."""
         return Takes(self.leaf_absorption, self.bark, self.boundary)
 
     @property
@@ -200,11 +200,11 @@ class Losses:
 
     def of_ground(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """g of the ground alone, which the direct sound has too."""
-        found = 0.0
+        gain = 0.0
         for rise in self.rises:
             share = self.share(frequency, length, rise)
-            found = found + share * self.carried(frequency, length, rise)
-        return np.asarray(found)
+            gain = gain + share * self.carried(frequency, length, rise)
+        return np.asarray(gain)
 
     def carried(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
         """e^{-(b + ik)(R - x)}."""
@@ -230,8 +230,8 @@ class Losses:
         rise = self.source_height + self.receiver_height
         path = np.asarray(math.hypot(length, rise))
         still = replace(self, lean=0.0)  # no trunk is on the way
-        found: np.ndarray = self._reflection(frequency, path, rise)
-        return found * still._turned(frequency, np.asarray(length))
+        reflection: np.ndarray = self._reflection(frequency, path, rise)
+        return reflection * still._turned(frequency, np.asarray(length))
 
     @property
     def rises(self) -> tuple[float, ...]:
@@ -257,11 +257,11 @@ class Losses:
         )
 
     def of_trunks(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """Return what other trunks take, and what trunks' ends leave."""
-        found = np.exp(-0.5 * self.removed(frequency) * length)
+        """Gain after what other trunks take, and what trunks' ends leave."""
+        gain = np.exp(-0.5 * self.removed(frequency) * length)
         if self.stand.trunk_height > 0:
-            found = found * self.of_ends(frequency, length)
-        return np.asarray(found)
+            gain = gain * self.of_ends(frequency, length)
+        return np.asarray(gain)
 
     def _turned(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """e^{i·acos Γ}: what one state of the air, and of trunks that lean, does to the ground's path."""
@@ -306,8 +306,10 @@ class Losses:
         top = self.stand.trunk_height
         place = 0.5 * (self.source_height + self.receiver_height)
         slope = np.sqrt(1j * bend / (1.0 + 2j * bend * (UNEVEN * top) ** 2))
-        found: np.ndarray = special.erf(slope * (top - place)) + special.erf(slope * (top + place))
-        return 0.5 * found
+        between: np.ndarray = special.erf(slope * (top - place)) + special.erf(
+            slope * (top + place)
+        )
+        return 0.5 * between
 
 
 def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np.ndarray:
@@ -326,25 +328,25 @@ def _level(clutter: Clutter, height: float, speed: float, takes: Takes) -> Cubic
 def _removed(
     radii: tuple[float, ...], bark: float, extinction: str, speed: float, highest: float
 ) -> CubicSpline:
-    """Return what a trunk takes out on average, metres, over the frequency up to ``highest`` Hz, by logs."""
+    """Width, metres, that a trunk takes out on average, by frequency up to ``highest`` Hz, by logarithms."""
     different, times = np.unique(radii, return_counts=True)
     wavenumber = 2.0 * math.pi / speed * np.geomspace(LOWEST, 1.001 * highest, SIZES)
     most = max(float(wavenumber[-1] * different[-1]), 1.0)
     width = _widths(2.0 ** math.ceil(math.log2(most)), bark, extinction)
     size = np.maximum(np.outer(different, wavenumber), SMALLEST)
-    found = (times * different) @ np.exp(width(np.log(size))) / len(radii)
+    removed = (times * different) @ np.exp(width(np.log(size))) / len(radii)
     from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import
 
-    return CubicSpline(np.log(wavenumber * speed / (2.0 * math.pi)), np.log(found))
+    return CubicSpline(np.log(wavenumber * speed / (2.0 * math.pi)), np.log(removed))
 
 
 @lru_cache(maxsize=16)
 def _widths(highest: float, bark: float, extinction: str) -> CubicSpline:
-    """Return what trunks take out over the radius, both by logarithms, of sizes ka: smooth, or it would
+    """Width that trunks take out over the radius, both by logarithms, of sizes ka: smooth, or it would
     ring."""
     size = np.geomspace(SMALLEST, 1.001 * highest, SIZES)
-    found = cross_sections(size, bark)
-    taken = found.energy if extinction == "energy" else found.extinction
+    sections = cross_sections(size, bark)
+    taken = sections.energy if extinction == "energy" else sections.extinction
     from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import
 
     return CubicSpline(np.log(size), np.log(taken))
@@ -415,13 +417,13 @@ def _table(ratio: float) -> RectBivariateSpline:
     from scipy.interpolate import RectBivariateSpline  # here: other sensors need not wait for it
 
     low, high = 2.0 ** (0.5 * ratio), 2.0 ** (-0.5 * ratio)
-    found = np.array(
+    gamma = np.array(
         [
             [_once(size, reach, low, high) for reach in REACHES.tolist()]
             for size in LEAN_SIZES.tolist()
         ]
     )
-    values = np.log(-np.log(np.clip(found, LEAST, MOST)))
+    values = np.log(-np.log(np.clip(gamma, LEAST, MOST)))
     return RectBivariateSpline(np.log(LEAN_SIZES), np.log(REACHES), values, kx=3, ky=3)
 
 
@@ -451,9 +453,9 @@ def _kinked(
     place: np.ndarray, slope: np.ndarray, wavenumber: float, bend: np.ndarray
 ) -> np.ndarray:
     """(LEANS, PLACES) U."""
-    found: np.ndarray = np.zeros(1, np.complex128)
+    field: np.ndarray = np.zeros(1, np.complex128)
     for half in (place, -place):
         turned = np.exp(1j * wavenumber * slope * (half - 0.5 * bend * slope))
         met = np.sqrt(0.5 * wavenumber / bend) * (half - bend * slope)
-        found = found + turned * 0.5 * special.erfc(-np.exp(-0.25j * math.pi) * met)
-    return found
+        field = field + turned * 0.5 * special.erfc(-np.exp(-0.25j * math.pi) * met)
+    return field

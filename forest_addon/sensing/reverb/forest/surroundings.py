@@ -86,7 +86,7 @@ def surroundings(
     leaves = reverb.leaf_area_density
     if leaves == 0 and reverb.needle_area_density == 0:
         leaves = canopy.leaf_area_density
-    found = stand_of(
+    stand = stand_of(
         trunks.select(inside),
         area,
         leaves if reverb.foliage else 0.0,
@@ -94,37 +94,37 @@ def surroundings(
         clutter_around(reverb, canopy) if reverb.branches else NO_CLUTTER,
         reverb.floor_leaf_area + canopy.floor_leaf_area if reverb.foliage else 0.0,
     )
-    if found.density == 0:
-        return Surroundings(found, Density.even(0.0))
-    beyond = found.density if reverb.continue_to > 0 else 0.0
-    return Surroundings(found, _density(place[inside], corner, size, beyond, found.density))
+    if stand.density == 0:
+        return Surroundings(stand, Density.even(0.0))
+    beyond = stand.density if reverb.continue_to > 0 else 0.0
+    return Surroundings(stand, _density(place[inside], corner, size, beyond, stand.density))
 
 
 def clutter_around(reverb: Reverb, canopy: FoliageCanopy) -> Clutter:
     """Branches and leaves of the scene; where settings have densities, those at all heights of the canopy."""
-    found, top = canopy.clutter, reverb.trunk_height or canopy.top or USUAL_TOP
+    clutter, top = canopy.clutter, reverb.trunk_height or canopy.top or USUAL_TOP
     if reverb.branch_area_density > 0:
         count = max(1, math.ceil(top / LAYER))
         metres = reverb.branch_area_density / (2.0 * math.pi * reverb.branch_radius)
-        found = replace(
-            found,
+        clutter = replace(
+            clutter,
             radii=(reverb.branch_radius,),
             length=((metres,),) * count,
             across=(ALL_WAYS,),
-            leaf_area=found.leaf_area + (0.0,) * (count - len(found.leaf_area)),
+            leaf_area=clutter.leaf_area + (0.0,) * (count - len(clutter.leaf_area)),
         )
     if not reverb.foliage:
-        return found.without_leaves()
-    found = replace(found, needle_radius=reverb.needle_radius)
+        return clutter.without_leaves()
+    clutter = replace(clutter, needle_radius=reverb.needle_radius)
     if reverb.leaf_area_density > 0 or reverb.needle_area_density > 0:
-        found = found.filled(top).without_leaves()
-        found = found.with_leaves(reverb.leaf_area_density)
-        found = found.with_needles(reverb.needle_area_density)
+        clutter = clutter.filled(top).without_leaves()
+        clutter = clutter.with_leaves(reverb.leaf_area_density)
+        clutter = clutter.with_needles(reverb.needle_area_density)
     if reverb.floor_leaf_area > 0:
-        found = found.on_floor(reverb.floor_leaf_area)
+        clutter = clutter.on_floor(reverb.floor_leaf_area)
     if reverb.leaf_radius > 0:
-        found = replace(found, leaf_radius=reverb.leaf_radius)
-    return found
+        clutter = replace(clutter, leaf_radius=reverb.leaf_radius)
+    return clutter
 
 
 def _density(
@@ -148,8 +148,8 @@ def _counted(place: np.ndarray, corner: np.ndarray, cell: float, shape: np.ndarr
     """(A, B) how many places (N, 2) are in each cell."""
     x, y = (np.floor((place[:, n] - corner[n]) / cell).astype(np.int64) for n in range(2))
     inside = (x >= 0) & (x < shape[0]) & (y >= 0) & (y < shape[1])
-    found = np.bincount(x[inside] * shape[1] + y[inside], minlength=int(shape.prod()))
-    return found.reshape(shape).astype(np.float64)
+    counts = np.bincount(x[inside] * shape[1] + y[inside], minlength=int(shape.prod()))
+    return counts.reshape(shape).astype(np.float64)
 
 
 def _hull(place: np.ndarray) -> float:
@@ -180,7 +180,7 @@ def canopy_of(
     low = max(low, 0.0)
     leaves = {n: _leaves(scene.meshes[n]) for n in np.unique(scene.mesh_index).tolist()}
     wooden = {n: bool(is_wood(scene.meshes[n].part).any()) for n in leaves}
-    tops, found, on_floor = [], 0.0, 0.0
+    tops, leaf_area, on_floor = [], 0.0, 0.0
     highest = scene.bounds()[1][:, 2]
     counted = (scene.tree >= 0) if trunks is None else np.isin(scene.tree, trunks[trunks >= 0])
     for instance, number in enumerate(scene.mesh_index.tolist()):
@@ -191,13 +191,13 @@ def canopy_of(
         if len(size):
             level = centre @ transform[2, :3] + transform[2, 3]
             scale = abs(float(np.linalg.det(transform[:, :3]))) ** (2.0 / 3.0)
-            found += scale * float(size[(level >= low) & (level <= high)].sum())
+            leaf_area += scale * float(size[(level >= low) & (level <= high)].sum())
             on_floor += scale * float(size[level <= FLOOR].sum())
     top = float(np.mean(tops)) if tops else 0.0
     clutter = clutter_of(*_pieces(scene), area) if area > 0 else Clutter()
     if area <= 0:
         return FoliageCanopy(0.0, top, clutter)
-    return FoliageCanopy(found / (area * (high - low)), top, clutter, on_floor / area)
+    return FoliageCanopy(leaf_area / (area * (high - low)), top, clutter, on_floor / area)
 
 
 def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:
@@ -231,7 +231,7 @@ NEVER = (
 def terms_of(
     reverb: Reverb, stand: TrunkStand | None = None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return what is in the model, with its values, and what is not.
+    """Terms of the model, with their values, and those that are left out.
 
     stand : what the scene or the settings gave; None: values of the scene are not known.
     """

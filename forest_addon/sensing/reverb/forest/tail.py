@@ -187,17 +187,17 @@ class Tail:
         energy = np.exp((1.0 - share) * wanted[low] + share * wanted[low + 1]).T  # (X, F)
         slope = np.minimum(frequency / self.band[0], 1.0) ** 3  # as Rayleigh's law, below the bands
         lost = np.exp(-2.0 * np.outer(length, self.losses.along(frequency)))
-        found = (
+        mean_square = (
             energy * slope * lost * self.losses.unthinned.mean_square(frequency, length[:, None])
         )
         if self.diffuse is None:
-            return np.asarray(found), None
+            return np.asarray(mean_square), None
         turned = np.log(
             np.maximum([self.turned(row, length) for row in range(len(self.diffuse))], LEAST)
         )
         energy = np.exp((1.0 - share) * turned[low] + share * turned[low + 1]).T
         lost = np.exp(-2.0 * np.outer(length, self.losses.of_air(frequency)))
-        return np.asarray(found), energy * slope * lost
+        return np.asarray(mean_square), energy * slope * lost
 
     def turned(self, band: int, length: np.ndarray) -> np.ndarray:
         """(X,) a metre that branches or leaves turned, of one octave; beyond the last bin as it fell."""
@@ -209,11 +209,11 @@ class Tail:
         if len(heard) < 2:
             return np.zeros(len(length))
         last = heard[-1]
-        found = np.interp(length, middle[heard], np.log(energy[heard]))
+        logarithm = np.interp(length, middle[heard], np.log(energy[heard]))
         first = heard[max(0, len(heard) - 1 - TREND)]
         fall = min(0.0, math.log(energy[last] / energy[first]) / (middle[last] - middle[first]))
-        found += fall * np.maximum(length - middle[last], 0.0)
-        return np.where(length >= self.energy[0].edges[0], np.exp(found), 0.0)
+        logarithm += fall * np.maximum(length - middle[last], 0.0)
+        return np.where(length >= self.energy[0].edges[0], np.exp(logarithm), 0.0)
 
 
 def _thinned(length: np.ndarray) -> np.ndarray:
@@ -251,14 +251,14 @@ def tail_of(
     way = "coherent" if reverb.extinction == "coherent" else "energy"
     if bare:
         phases = [NO_TRUNK] * len(bands)
-        found = [Energy(edges, np.zeros(BINS), np.zeros(BINS)) for _ in bands]
+        energies = [Energy(edges, np.zeros(BINS), np.zeros(BINS)) for _ in bands]
     else:
         phases = [PhaseFunction.of(band, radii, speed, losses.bark, way) for band in bands.tolist()]
         near = [_followed(phase, density, edges) for phase in phases]
         rng = stream(int(key[0]), *key[1:], "transport")
         ways = [sent(band) for band in bands.tolist()] if sent else ()
         given = density, (source[:2], receiver[:2]), edges, near, packets, rng, ways
-        found = [
+        energies = [
             _diffused(start, phase, density, edges)
             for start, phase in zip(transported_bands(phases, *given), phases, strict=True)
         ]
@@ -271,7 +271,7 @@ def tail_of(
         ways = [sent(band) for band in bands.tolist()] if sent else ()
         in_space = diffused(layer, source, receiver, edges, packets, rng, ways)
         turned = in_space.mean(axis=0)
-    tail = Tail(bands, tuple(found), lift, math.inf, losses, turned)
+    tail = Tail(bands, tuple(energies), lift, math.inf, losses, turned)
     tail = replace(tail, joint=_joint(tail, reverb.multiple_share, apart))
     return replace(tail, spread=_spread(tail, in_space))
 

@@ -81,16 +81,16 @@ class Density:
         cell = np.floor((place - self.corner) / self.cell)
         inside = ((cell >= 0) & (cell < self.cells.shape)).all(axis=-1)
         i, j = np.where(inside[..., None], cell, 0).astype(np.int64).reshape(-1, 2).T
-        found = self.cells[i, j].reshape(inside.shape)
-        return np.where(inside, found, self.around)
+        density = self.cells[i, j].reshape(inside.shape)
+        return np.where(inside, density, self.around)
 
     def inside(self, place: np.ndarray) -> np.ndarray:
         """(...,) bool, whether places (..., 2) lie within the outer edges of all cells."""
-        found = np.ones(place.shape[:-1], bool)
+        within = np.ones(place.shape[:-1], bool)
         for axis, count in enumerate(self.cells.shape):
             along = place[..., axis] - self.corner[axis]
-            found &= (along >= 0) & (along < count * self.cell[axis])
-        return found
+            within &= (along >= 0) & (along < count * self.cell[axis])
+        return within
 
     def between(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
         """(N,) trunks per m of width on straight ways from (N, 2) to (2,)."""
@@ -150,10 +150,10 @@ class PhaseFunction:
         scattered = np.abs(transfer(frequency, angle[:, None], radii, speed, bark)) ** 2
         mean = scattered.mean(axis=1)
         size = 2.0 * math.pi * frequency / speed * radii
-        found = cross_sections(size, bark)
-        width = float((found.extinction * radii).mean())
+        sections = cross_sections(size, bark)
+        width = float((sections.extinction * radii).mean())
         if extinction == "energy":
-            less = float((found.energy * radii).mean())
+            less = float((sections.energy * radii).mean())
             mean = without_shadow(mean, width - less)
             width = less
         step = math.pi / ANGLES
@@ -172,11 +172,11 @@ def without_shadow(scattered: np.ndarray, shadow: float) -> np.ndarray:
     step = math.pi / len(scattered)
     held = 2.0 * step * np.cumsum(scattered)
     last = min(int(np.searchsorted(held, shadow)), len(held) - 1)
-    found = scattered.copy()
+    unshadowed = scattered.copy()
     over = held[last] - shadow  # of the cell in which the lobe ends
-    found[:last] = 0.0
-    found[last] = max(over, 0.0) / (2.0 * step)
-    return found
+    unshadowed[:last] = 0.0
+    unshadowed[last] = max(over, 0.0) / (2.0 * step)
+    return unshadowed
 
 
 @dataclass(frozen=True)
@@ -199,15 +199,15 @@ class Energy:
 
     def at(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """once and again at path lengths, by their logarithms; 0 before the first."""
-        found = []
+        values_at = []
         for part in (self.once, self.again):
             heard = part > 0
             if heard.sum() < 2:
-                found.append(np.zeros(len(length)))
+                values_at.append(np.zeros(len(length)))
                 continue
             values = np.interp(np.log(length), np.log(self.middle[heard]), np.log(part[heard]))
-            found.append(np.where(length >= self.edges[0], np.exp(values), 0.0))
-        return found[0], found[1]
+            values_at.append(np.where(length >= self.edges[0], np.exp(values), 0.0))
+        return values_at[0], values_at[1]
 
 
 def transported(
@@ -246,7 +246,7 @@ def transported_bands(
     """
     (source, receiver), tables = ends, Turns(phases)
     rates = density.largest * tables.width  # meetings a metre, real and not
-    found = np.zeros((SHARES, 2, len(phases), len(edges) - 1))
+    gathered = np.zeros((SHARES, 2, len(phases), len(edges) - 1))
     last = np.array([edges[count] for count in bins])
     moving = _LevelPackets(np.flatnonzero(rates > 0), source, packets, rng, sent)
     for _ in range(MOST_MEETINGS * 4):
@@ -268,14 +268,16 @@ def transported_bands(
         again = (moving.met[rows] > 0).astype(np.int64)
         column = np.searchsorted(edges, length, side="right") - 1
         inside = (column >= 0) & (length < last[band])
-        place = ((2 * moving.share[rows] + again) * len(phases) + band) * found.shape[3] + column
-        add = np.bincount(place[inside], counted[inside] / length[inside], found.size)
-        found += add.reshape(found.shape)
+        place = ((2 * moving.share[rows] + again) * len(phases) + band) * gathered.shape[3] + column
+        add = np.bincount(place[inside], counted[inside] / length[inside], gathered.size)
+        gathered += add.reshape(gathered.shape)
         moving.turn(rows, tables.draw(band, rng), tables.kept[band])
-    found /= np.maximum(moving.drawn, 1)[:, None, None, None] * np.diff(edges)
-    once, again = np.average(found, axis=0, weights=moving.drawn)
+    gathered /= np.maximum(moving.drawn, 1)[:, None, None, None] * np.diff(edges)
+    once, again = np.average(gathered, axis=0, weights=moving.drawn)
     return [
-        Energy(edges[: count + 1], once[row, :count], again[row, :count], found[:, 1, row, :count])
+        Energy(
+            edges[: count + 1], once[row, :count], again[row, :count], gathered[:, 1, row, :count]
+        )
         for row, count in enumerate(bins)
     ]
 

@@ -46,17 +46,17 @@ class OctaveBand:
 
     def gain(self, frequency: np.ndarray) -> np.ndarray:
         """(F,) share of the whole."""
-        found = np.ones(len(frequency))
+        gain = np.ones(len(frequency))
         if self.high:
-            found = fall(frequency, self.high)
-        return found * (1.0 - fall(frequency, self.low)) if self.low else found
+            gain = fall(frequency, self.high)
+        return gain * (1.0 - fall(frequency, self.low)) if self.low else gain
 
 
 def fall(frequency: np.ndarray, span: tuple[float, float]) -> np.ndarray:
     """1 to 0 over a span of frequencies; 4e-15 from both at its ends."""
     place = 2.0 * (frequency - span[0]) / (span[1] - span[0]) - 1.0
-    found: np.ndarray = 0.5 * special.erfc(STEEP * place)
-    return np.where(place <= -1.0, 1.0, np.where(place >= 1.0, 0.0, found))
+    smooth: np.ndarray = 0.5 * special.erfc(STEEP * place)
+    return np.where(place <= -1.0, 1.0, np.where(place >= 1.0, 0.0, smooth))
 
 
 def bands_of(

@@ -170,7 +170,7 @@ class Expansions:
                     some: TrunkPaths = some,
                     heard: Callable[[float, float], bool] = heard,
                 ) -> np.ndarray:
-                    found, checks = panel_spectrum(
+                    values, checks = panel_spectrum(
                         some,
                         spacing,
                         highest + 1,
@@ -186,7 +186,7 @@ class Expansions:
                         octave = 20.0 * 2.0 ** math.floor(math.log2(frequency / 20.0))
                         if octave >= 20.0:
                             errors[octave] = max(error, errors.get(octave, 0.0))
-                    return found
+                    return values
 
                 first, last = float(some.earliest.min()), float(some.length.max())
                 total += samples_of(
@@ -251,8 +251,8 @@ def _is_infrasound(paths: TrunkPaths, rate: float, loss: Loss, speed: float) -> 
     of some seconds keep."""
     band = np.array([f for f in BANDS if f < 0.4 * rate])
     some = paths.select(slice(None, None, 1 + len(paths.length) // SEEN))
-    found = energies(some, band, loss, speed).sum(axis=1) * band
-    return bool(found[0] > INFRASOUND * found.sum())
+    energy = energies(some, band, loss, speed).sum(axis=1) * band
+    return bool(energy[0] > INFRASOUND * energy.sum())
 
 
 FINEST = 1e-6  # of the fast sums
@@ -354,20 +354,20 @@ def unheard(
     """
     share = min(UNHEARD * tolerance, MOST_UNHEARD) ** 2
     here = np.array(ends)
-    found = energies(some, here, loss, speed).sum(axis=1)
+    energy = energies(some, here, loss, speed).sum(axis=1)
     every = np.interp(np.log(here), np.log(OCTAVES), np.log(whole + 1e-300))
-    if (found > share * np.exp(every)).any():
+    if (energy > share * np.exp(every)).any():
         return False
     band = np.array(BANDS)
     own = (energies(some, band, loss, speed).sum(axis=1) * band).max()
-    return bool((found * here <= share * own).all())
+    return bool((energy * here <= share * own).all())
 
 
 def loud_trunks(paths: TrunkPaths, rate: float, count: int, loss: Loss, speed: float) -> np.ndarray:
     """(M,) bool."""
-    found = np.zeros(len(paths.length), bool)
-    if not 1 < len(found) <= MOST:
-        return found
+    loud = np.zeros(len(paths.length), bool)
+    if not 1 < len(loud) <= MOST:
+        return loud
     band = np.array([f for f in BANDS if f < 0.4 * rate])
     energy = (energies(paths, band, loss, speed) * band[:, None]).sum(axis=0)
     tenth = np.floor(10.0 * paths.earliest / speed * rate / count).astype(np.int64)
@@ -375,9 +375,9 @@ def loud_trunks(paths: TrunkPaths, rate: float, count: int, loss: Loss, speed: f
     of_tenth = np.bincount(tenth[within], energy[within], minlength=10)
     heard = of_tenth > FAINTEST_TENTH**2 * of_tenth.sum()
     if not heard.any():
-        return found
+        return loud
     order = np.argsort(-energy, kind="stable")
     left = np.cumsum(energy[order][::-1])[::-1]  # of this and all fainter ones
     needed = int((left > LOUDER**2 * of_tenth[heard].min()).sum())
-    found[order[: min(needed, MOST_SINGLE)]] = True
-    return found
+    loud[order[: min(needed, MOST_SINGLE)]] = True
+    return loud

@@ -163,14 +163,14 @@ class LayerSum:
             size = fft.next_fast_len(filters.shape[1] + SPREAD, real=True)
             turn = -1j * math.pi / size * np.arange(size // 2 + 1)  # of half a sample
             series = chebyshev.coefficients(np.exp(np.outer(chebyshev.points(LATE), turn)), 0)
-            found = fft.irfft(fft.rfft(filters, size) * series[:, None], size)
-            found = found[:, :, : filters.shape[1]].reshape(-1, filters.shape[1])
-            norm = np.linalg.norm(found, axis=1)
+            delayed = fft.irfft(fft.rfft(filters, size) * series[:, None], size)
+            delayed = delayed[:, :, : filters.shape[1]].reshape(-1, filters.shape[1])
+            norm = np.linalg.norm(delayed, axis=1)
             kept = np.flatnonzero(norm > SHARE * self.layer.tolerance * norm.max())
-            large = np.abs(found[kept]).max(axis=0)
+            large = np.abs(delayed[kept]).max(axis=0)
             heard = np.flatnonzero(large > FAINT * self.layer.tolerance * large.max())
-            found = np.ascontiguousarray(found[kept, heard[0] : heard[-1] + 1])
-            self._late[number] = found, kept, int(heard[0])
+            delayed = np.ascontiguousarray(delayed[kept, heard[0] : heard[-1] + 1])
+            self._late[number] = delayed, kept, int(heard[0])
         return self._late[number]
 
     def _zone_sum(
@@ -245,9 +245,9 @@ class LayerSum:
             spectra = fft.rfft(self._filters_of(number), size, axis=1)[:, lowest:]
             frequency = np.arange(lowest, size // 2 + 1) * (self.rate / size)
             gains = gain.filters(zone, frequency)
-            found = spectra.T.astype(self.complex), gains.T.astype(self.complex)
-            self._keep(key, *found)
-            return found
+            factors = spectra.T.astype(self.complex), gains.T.astype(self.complex)
+            self._keep(key, *factors)
+            return factors
         return self._spectra[key]
 
     def _products(
@@ -297,10 +297,10 @@ class LayerSum:
         """(R, T) filters of a sector, as they are before the air."""
         if number not in self._filters:
             sector = self.layer.sector(number)
-            found = sector.filters
+            filters = sector.filters
             if self.air is not None:
-                found = self.air.undone(found, sector.lead)
-            self._filters[number] = found
+                filters = self.air.undone(filters, sector.lead)
+            self._filters[number] = filters
         return self._filters[number]
 
     def _filter_spectra(
@@ -387,7 +387,7 @@ class Sector:
 
     @property
     def terms(self) -> int:
-        """Return how many products."""
+        """Number of products."""
         return len(self.filters)
 
     def shares(self, cosine: np.ndarray) -> np.ndarray:
@@ -451,11 +451,11 @@ class ExpansionLayer:
         whole = np.zeros((len(spectra), self.grid // 2 + 1), np.complex128)
         turn = -2j * math.pi * np.arange(1, self.grid // 2 + 1) * (self.lead / self.grid)
         whole[:, 1:] = spectra * np.exp(turn)
-        found: np.ndarray = fft.irfft(whole, self.grid, axis=1)[:, : self.size]
+        filters: np.ndarray = fft.irfft(whole, self.grid, axis=1)[:, : self.size]
         fading = min(self.size - self.lead, int(2.0 / 3.0 * LOW_RINGING * self.rate))
         if self.size - self.lead > LOW_RINGING * self.rate:
-            found[:, -fading:] *= roll_off(0.45 + 0.05 * np.arange(fading) / fading)
-        return found
+            filters[:, -fading:] *= roll_off(0.45 + 0.05 * np.arange(fading) / fading)
+        return filters
 
     def errors(
         self, filters: np.ndarray, shares: np.ndarray, cosine: np.ndarray
@@ -520,11 +520,11 @@ class ExpansionLayer:
         coefficients = chebyshev.coefficients(shares, 0)
         large = np.abs(coefficients * sizes[:terms]).max(axis=1)
         kept = int(np.flatnonzero(large > 0.01 * self.tolerance * large.max())[-1]) + 1
-        found = Sector(low, high, self.filters(spectra), coefficients[:kept], self.lead, {})
+        sector = Sector(low, high, self.filters(spectra), coefficients[:kept], self.lead, {})
         rng = stream(len(self.highs), "expansion", "angles")
         some = np.clip(rng.uniform(low, high, CHECKED), -1.0, 1.0)
-        found.errors.update(self.errors(found.filters, found.shares(some), some))
-        return found
+        sector.errors.update(self.errors(sector.filters, sector.shares(some), some))
+        return sector
 
 
 def expand(

@@ -240,7 +240,7 @@ class _Panel:
         level = self._wavenumber(self.frequency) ** 1.5
         level *= np.exp(-self.typical * self._loss(self.frequency))
         grid = DelayGrid(count, len(k), group.kernel)
-        found, checked = np.zeros(count, np.complex128), []
+        total, checked = np.zeros(count, np.complex128), []
         for rows, heights in self.boxes.heights(k, self.shift):
             probed = np.isin(rows, group.probes)
             checked.append((rows[probed], heights[probed]))
@@ -251,7 +251,7 @@ class _Panel:
             weight = paths.weight * paths.radius**2
             delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
             if count <= FEW_BINS:
-                found += weight @ (heights * phasors(np.outer(delay, self.nodes)))
+                total += weight @ (heights * phasors(np.outer(delay, self.nodes)))
             else:
                 middle_of = self.frequency[count // 2] * delay
                 grid.add(delay * group.spacing, middle_of, heights.T, weight[:, None])
@@ -259,8 +259,8 @@ class _Panel:
         self._check(group.paths.select(probes), of_probes)
         if count > FEW_BINS:
             polynomials = chebyshev.lagrange(len(k), np.linspace(-1.0, 1.0, count))
-            found = grid.spectrum(polynomials)
-        return np.asarray(found * level)
+            total = grid.spectrum(polynomials)
+        return np.asarray(total * level)
 
     def _check(self, some: TrunkPaths, heights: np.ndarray) -> None:
         """Compare the heights (M, Q) of some trunks, between the nodes, with partial wave sums."""
@@ -268,16 +268,16 @@ class _Panel:
         frequency = self.group.rng.uniform(low, high)
         k = float(self._wavenumber(np.array(frequency)))
         if len(self.frequency) <= FEW_BINS:
-            k, found = float(self._wavenumber(self.nodes[0])), heights[:, 0]
+            k, summed = float(self._wavenumber(self.nodes[0])), heights[:, 0]
             frequency = float(self.nodes[0])
         else:
             share = np.array([(frequency - low) / (high - low)])
-            found = heights @ chebyshev.lagrange(len(self.nodes), 2.0 * share - 1.0)[:, 0]
+            summed = heights @ chebyshev.lagrange(len(self.nodes), 2.0 * share - 1.0)[:, 0]
         z = k * some.radius
         exact = np.conj(np.exp(0.25j * math.pi) * scattering_sum(z, some.angle, self.group.bark))
         exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * self.shift(some.angle))
         size = some.weight * some.radius**2
-        error = np.linalg.norm(size * (found - exact)) / np.linalg.norm(size * exact)
+        error = np.linalg.norm(size * (summed - exact)) / np.linalg.norm(size * exact)
         self.checks.append((frequency, float(error)))
 
 
@@ -365,10 +365,10 @@ class Boxes:
         column = first + np.searchsorted(self.alone, rows)
         z = np.outer(self.paths.radius[rows], k)
         angle = self.paths.angle[rows]
-        found = self.table.each(z, column)
+        heights = self.table.each(z, column)
         if shift is not middle:
-            found *= np.exp(-1j * z * (shift(angle) - middle(angle))[:, None])
-        return found
+            heights *= np.exp(-1j * z * (shift(angle) - middle(angle))[:, None])
+        return heights
 
 
 def _some_of(rows: np.ndarray) -> Iterator[np.ndarray]:
@@ -424,12 +424,12 @@ FIRST_SERIES = 64  # values at once
 
 
 def middle(angle: np.ndarray) -> np.ndarray:
-    """Return how far, over the radius, the middle of a trunk's answer lies before the axis' own time."""
+    """Lead, over the radius, of the middle of a trunk's answer before the axis' own time."""
     return np.sin(0.5 * angle) - 0.5 * angle
 
 
 def near_face(angle: np.ndarray) -> np.ndarray:
-    """Return how far, over the radius, the echo off the near face comes before the axis' own time."""
+    """Lead, over the radius, of the echo off the near face before the axis' own time."""
     return 2.0 * np.sin(0.5 * angle)
 
 
@@ -449,26 +449,26 @@ class FieldTable:
     def at(self, z: np.ndarray, columns: slice = slice(None)) -> np.ndarray:
         """(Z, C) values at sizes (Z,) of some of the angles."""
         stretch, place = self._place(z)
-        found = np.empty((len(z), self._series[0, :, columns].shape[1]), np.complex128)
+        values = np.empty((len(z), self._series[0, :, columns].shape[1]), np.complex128)
         for number in np.unique(stretch):
             rows = np.flatnonzero(stretch == number)
             coefficients = np.ascontiguousarray(self._series[number, :, columns])
             part = chebyshev.polynomials(place[rows], NODES).T @ coefficients.view(np.float64)
-            found[rows] = part.view(np.complex128)
-        found *= ((1.0 + z**2) ** -0.75)[:, None]
-        return found
+            values[rows] = part.view(np.complex128)
+        values *= ((1.0 + z**2) ** -0.75)[:, None]
+        return values
 
     def each(self, z: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(M, Q) values at sizes (M, Q), each row at the angle of its column (M,)."""
-        found = np.empty(z.shape, np.complex128)
+        values = np.empty(z.shape, np.complex128)
         for start in range(0, len(z), FIRST_SERIES):
             some = slice(start, start + FIRST_SERIES)
             stretch, place = self._place(z[some])
             basis = chebyshev.polynomials(place.ravel(), NODES).T.reshape(*place.shape, NODES)
             series_of = self._series[stretch, :, columns[some, None]]  # (m, Q, NODES)
-            found[some] = (basis * series_of).sum(axis=2)
-        found *= (1.0 + z**2) ** -0.75
-        return found
+            values[some] = (basis * series_of).sum(axis=2)
+        values *= (1.0 + z**2) ** -0.75
+        return values
 
     def _place(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Stretch of sizes, and where in it, from -1 to 1."""

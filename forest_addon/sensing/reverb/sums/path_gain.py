@@ -141,7 +141,7 @@ class PathGain:
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """(M, F) g of paths at a few frequencies."""
-        found = np.zeros((len(length), len(frequency)), np.complex128)
+        gain = np.zeros((len(length), len(frequency)), np.complex128)
         wavenumber = 2.0 * math.pi * frequency / self.losses.air.speed()
         for zone, rows in self.zones(length):
             values = zone.values(frequency[None], zone.nodes[:, None]).astype(np.complex128)
@@ -151,10 +151,10 @@ class PathGain:
                 detour = self.losses.detour(length[rows], zone.rise)
                 part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
             if len(rows) == len(length):
-                found += part
+                gain += part
             else:
-                found[rows] += part
-        return found
+                gain[rows] += part
+        return gain
 
     def _zone(self, number: int, rise: float) -> Zone:
         if (number, rise) not in self._zones:
@@ -166,18 +166,18 @@ class PathGain:
         return self._zones[number, rise]
 
     def _near(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
-        found = self.losses.share(frequency, length, rise)
-        found = found * self.losses.of_trunks(frequency, length)
+        gain = self.losses.share(frequency, length, rise)
+        gain = gain * self.losses.of_trunks(frequency, length)
         if not self.whole:
-            return found
+            return gain
         path = length + self.losses.detour(length, rise)
-        return np.asarray(found * np.exp(-self.losses.along(frequency) * path))
+        return np.asarray(gain * np.exp(-self.losses.along(frequency) * path))
 
     def _far(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
-        found = self.losses.gain(frequency, length)
+        gain = self.losses.gain(frequency, length)
         if not self.whole:
-            return found
-        return np.asarray(found * np.exp(-self.losses.along(frequency) * length))
+            return gain
+        return np.asarray(gain * np.exp(-self.losses.along(frequency) * length))
 
     def _nodes(self, low: float, ratio: float, of: Values) -> np.ndarray:
         """As few Chebyshev points in log x as serve at all frequencies."""

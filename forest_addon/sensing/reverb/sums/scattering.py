@@ -164,7 +164,7 @@ def _of_panel(some: TrunkPaths, panel: Panel, spacing: float, losses: Losses) ->
     loss = losses.along(panel.nodes)
     answer = some.weight * transfer(nodes, some.angle, some.radius, speed, losses.bark)
     answer = answer * losses.of_trunks(nodes, some.length)  # (Q, M)
-    found = np.zeros(panel.count, np.complex128)
+    total = np.zeros(panel.count, np.complex128)
     for rise in losses.rises:
         path = some.length + losses.detour(some.length, rise)
         share = losses.share(nodes, some.length, rise)
@@ -174,8 +174,8 @@ def _of_panel(some: TrunkPaths, panel: Panel, spacing: float, losses: Losses) ->
             start = (panel.first + first) * spacing
             carried = delay_factors(start, spacing, count, path / speed)  # (B, M)
             weights = panel.weights[first : first + count]
-            found[first : first + count] += (weights * (carried @ scattered.T)).sum(axis=1)
-    return found
+            total[first : first + count] += (weights * (carried @ scattered.T)).sum(axis=1)
+    return total
 
 
 def _together(

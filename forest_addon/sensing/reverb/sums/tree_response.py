@@ -117,8 +117,8 @@ def tree_response(
         samples[:part] = direct_sum(within, rate, part, air, progress, losses, reverb.tolerance)
     else:
         prepared = Expansions() if expansions is None else expansions
-        found = prepared.sum(within, rate, part, air, reverb.tolerance, losses, progress)
-        samples[:part], errors = found.samples, found.errors
+        fast = prepared.sum(within, rate, part, air, reverb.tolerance, losses, progress)
+        samples[:part], errors = fast.samples, fast.errors
     left = left_out_db(paths, heard, direct, rate, air, losses)
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
 
@@ -129,8 +129,8 @@ def soon_summed(radius: np.ndarray, count: int, plain: bool) -> int:
     plain : whether paths have no gain of their own, which takes longer than the trunks do.
     """
     few = len(np.unique(radius)) <= FEW_RADII
-    found = FEW if few else int(FEW_SUMMANDS / count)
-    return found if plain else min(found, FEW // 4)
+    most = FEW if few else int(FEW_SUMMANDS / count)
+    return most if plain else min(most, FEW // 4)
 
 
 RANGE_DB = 75.0  # below the energy of all sound: what T60, read down to -65 dB, does not notice
@@ -212,8 +212,8 @@ def _places(length: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
 def _lost(losses: Losses, band: tuple[float, ...], first: int, count: int) -> np.ndarray:
     """(B, count) share of the energy that is left at lengths from a number on."""
     length, every = FIRST * APART ** np.arange(first, first + count), np.array(band)
-    found = losses.mean_square(every[:, None], length)
-    return np.asarray(found * np.exp(-2.0 * np.outer(losses.along(every), length)))
+    mean_square = losses.mean_square(every[:, None], length)
+    return np.asarray(mean_square * np.exp(-2.0 * np.outer(losses.along(every), length)))
 
 
 def record_length(
@@ -283,7 +283,7 @@ class Weak:
     norms: np.ndarray
 
     def bound(self, samples: np.ndarray, sample_rate: float) -> float:
-        """Return what is left out adds at most this share of any octave of a sound (N,)."""
+        """Largest share that what is left out adds to any octave of a sound (N,)."""
         if not self.rows.any():
             return 0.0
         size = fft.next_fast_len(len(samples), real=True)
@@ -297,7 +297,7 @@ class Weak:
         return max(shares)
 
     def told(self, samples: np.ndarray, sample_rate: float) -> dict[str, Any]:
-        """Return how many there are and their bound, as a response has them."""
+        """Number of them and their bound, as a response has them."""
         return {
             "weak": int(self.rows.sum()),
             "weak_bound": self.bound(samples, sample_rate),
