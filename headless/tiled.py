@@ -299,6 +299,7 @@ def _make_pieces(
             for done, piece in enumerate(todo):
                 make_piece(list(run.scans.values()), piece, store=run.store)
                 progress(done + 1, len(todo))
+            (run.folder / PLAN).unlink(missing_ok=True)  # of a command that was ended
             return told
         run.tiling.forest.keep(run.folder / PLAN)
         for scan in run.scans.values():

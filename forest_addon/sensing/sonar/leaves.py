@@ -194,7 +194,7 @@ def _sum(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
 # is what wiggles in frequency: each alone is smooth.
 
 
-LATER = 1.3  # radii by which what crosses a disc's face, once and again, is later than its middle, about
+LATER = 1.0  # radii by which a disc's response that crosses its face is later than that of its rims
 PAPER_REACH = 0.3  # radii to both sides
 PAPER_TURN = 0.36  # radians at ka = 1 by which the fit's angle turns while the frequency doubles
 GRAZING = (
@@ -227,7 +227,7 @@ class DiscStrength(Strength):
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
         itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
-            later = LATER - 0.5 * np.sin(self.incidence)  # towards the near rim, which is earlier
+            later = np.full(len(self.radius), LATER)
             return replace(
                 self.whole(), offset=later * self.radius, strength=replace(self, later=later)
             )
@@ -244,9 +244,9 @@ class DiscStrength(Strength):
                 PAPER_TURN * self.incidence * np.maximum(wavenumber * self.radius, 1e-3) ** -0.9065
             )
             return PAPER_REACH * self.radius + turn / wavenumber
-        if self.model == "exact":
-            return (LATER + np.sin(self.incidence)) * self.radius
         rims = 2.0 * self.radius * np.sin(self.incidence)
+        if self.model == "exact":
+            return rims + LATER * self.radius
         return rims if self.side is None else np.where(self.side == 0, rims, 0.0)
 
     def error(self, highest: float) -> np.ndarray | None:

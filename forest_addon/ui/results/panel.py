@@ -30,8 +30,6 @@ from ...blender.show.cloud_nodes import is_measure, on_map
 from ...formats.crs import can_tell_crs
 from ...formats.wav import write_wav
 from ...results.coordinates import Offset
-from ...results.points import can_write, ending_of, write_points
-from ...sensing.reverb.auralise import normalised
 from ...spec import SpecError
 from ..settings.drawing import OnceStarted, icon_of, is_narrow, split
 from ..shell.running import Button, Reading
@@ -254,6 +252,7 @@ def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
     SpecError : the file of the dry sound cannot be used.
     """
     from ...results.dry_sounds import PEAK_DB, dry_sound
+    from ...sensing.reverb.auralise import normalised
     from .finding import unpack
 
     if not result.found:
@@ -315,6 +314,8 @@ WORDS = {
 
 def endings_of(result: Any) -> tuple[str, ...]:
     """Return the endings of files that a result can be written to; none where nothing of it is kept."""
+    from ...results.points import can_write
+
     if not (result.found or _scan_of(result)):
         return ()
     return tuple(ending for ending in record_of(result).endings if can_write(ending))
@@ -334,6 +335,7 @@ def _write(path: Path, result: Any, label: str) -> Offset:
     """Write a result as it is shown; returns the offset that was added to its positions."""
     from ...blender.show.cloud import kept_scan
     from ...results.kinds import write_as
+    from ...results.points import write_points
     from .finding import unpack
 
     data = _scan_of(result)
@@ -390,6 +392,8 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
 
     def check(self, _context: bpy.types.Context) -> bool:
         """The name follows the format that is chosen beside it."""
+        from ...results.points import ending_of
+
         path, before = Path(self.filepath), self.filepath
         had = ending_of(path)
         if had in WORDS and path.name:
@@ -410,6 +414,8 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
                 self.layout.prop(props, "dry", text="")
 
     def act(self, context: bpy.types.Context) -> str:
+        from ...results.points import ending_of
+
         endings = self._endings(context)
         if not endings:
             problem = say("{name} is not kept in this file. Run its sensor again", name=self.result)
