@@ -138,7 +138,8 @@ of stems above 20 cm, 15 of 100 reach the ground under firs (7 in the real cloud
 16 under beeches (9), 34 under beeches below 12 cm (13). Most is missing between the stems: from 3 m away
 from any on, the real canopy covers 51 to 66 % of the ground, ours 17 to 43. Real crowns
 grow towards gaps; ours stand aside of their stems now, which moves heights and summits but not the
-cover (seed 1: 62 % before, 61 now; the rows' seed). Trees below 7.5 cm are in no table.
+cover (62 % with upright ones, 61 now; both and the twin's rows are of seed 1 alone).
+Trees below 7.5 cm are in no table.
 Widths by pytreedb's broadleaves, larches and pines as well were tried and
 left: crowns are wider and thinner, and the overlap of profiles (seed 1) falls to 0.89.
 
