@@ -80,8 +80,8 @@ def kept_arrays(path: Path, said: str) -> dict[str, Any]:
     if not path.is_file():
         return {}
     with np.load(path) as data:
-        found = {name: value if value.ndim else value.item() for name, value in data.items()}
-    return found if found.pop("said", None) == said else {}
+        arrays = {name: value if value.ndim else value.item() for name, value in data.items()}
+    return arrays if arrays.pop("said", None) == said else {}
 
 
 @dataclass(frozen=True)
@@ -177,8 +177,8 @@ class TiledForest:
         ------
         OSError : it cannot be written.
         """
-        found = {name: getattr(self, name) for name in TABLES}
-        keep_arrays(path, self._said, {k: v for k, v in found.items() if v is not None})
+        tables = {name: getattr(self, name) for name in TABLES}
+        keep_arrays(path, self._said, {k: v for k, v in tables.items() if v is not None})
 
     @property
     def _said(self) -> str:
@@ -311,8 +311,12 @@ class TiledForest:
             object_index=part.stand.id,
             crowd=tuple(self.counts[key] for key in keys),
         ).bounds()
-        found = np.isfinite(low).all(axis=1)
-        return np.array([low[found].min(axis=0), high[found].max(axis=0)]) if found.any() else None
+        has_boxes = np.isfinite(low).all(axis=1)
+        return (
+            np.array([low[has_boxes].min(axis=0), high[has_boxes].max(axis=0)])
+            if has_boxes.any()
+            else None
+        )
 
     @cached_property
     def digest(self) -> str:

@@ -186,7 +186,7 @@ def without_tests(wheel: Path, leaner: Path) -> None:
 
 
 def is_test(path: str) -> bool:
-    """Whether a file of a wheel, or a line of its RECORD, is in a folder of tests."""
+    """Tell whether a file of a wheel, or a line of its RECORD, is in a folder of tests."""
     return "/tests/" in path
 
 

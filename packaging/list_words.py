@@ -122,7 +122,7 @@ def of_classes() -> Iterator[Text]:
 
 
 def _described(bpy: Any, cls: Any) -> Any:
-    """What Blender knows of a class; of an operator its settings as well."""
+    """Properties that Blender knows of a class; of an operator its settings as well."""
     if not issubclass(cls, bpy.types.Operator):
         return cls.bl_rna
     room, name = cls.bl_idname.split(".")

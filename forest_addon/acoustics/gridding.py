@@ -70,8 +70,8 @@ class DelayGrid:
         transformed = fft.fft(grid, axis=1, overwrite_x=True)
         below = self._count // 2
         halves = transformed[:, self._size - below :], transformed[:, : self._count - below]
-        found = np.einsum("rk,rk->k", np.concatenate(halves, axis=1), shares)
-        return np.asarray(found / self._kernel.over_bins(self._count, self._size))
+        added = np.einsum("rk,rk->k", np.concatenate(halves, axis=1), shares)
+        return np.asarray(added / self._kernel.over_bins(self._count, self._size))
 
 
 def grid_of(sums: int, points: int, columns: int) -> np.ndarray:

@@ -141,7 +141,7 @@ SPEED = 343.0
 
 @pytest.mark.parametrize("along", [0.0, 1.0, 1.0 / 3.0])
 def test_thick_cylinders_have_thin_layers(along):
-    """What a wall takes, ¼ρωδ·u² of its sliding air and (γ-1)/4·ωδ_t·p²/ρc² by heat, around a cylinder."""
+    """Loss at a wall, ¼ρωδ·u² of its sliding air and (γ-1)/4·ωδ_t·p²/ρc² by heat, around a cylinder."""
     radius, frequency = np.array([0.05]), 20_000.0
     omega = 2 * math.pi * frequency
     slow, warm = (math.sqrt(2 * each / omega) for each in (VISCOSITY, DIFFUSIVITY))

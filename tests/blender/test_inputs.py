@@ -324,7 +324,7 @@ def read():
 
 
 def rock():
-    """What comes before the ground by its name, and so among instances."""
+    """Objects that come before the ground by name, and so among instances."""
     data = bpy.data.meshes.new("a rock")
     data.from_pydata([(0, 0, 1), (1, 0, 1), (0, 1, 2)], [], [(0, 1, 2)])
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("a rock", data))

@@ -170,7 +170,7 @@ def read(folder: Path, data: bytes | str) -> np.ndarray:
 
 
 def refusal(folder: Path, data: bytes | str) -> str:
-    """What is said of a file that is refused: one line that names the file and ends as a sentence."""
+    """Sentence on a file that is refused: one line that names the file and ends as a sentence."""
     with pytest.raises(StlError) as caught:
         read(folder, data)
     text = str(caught.value)

@@ -336,7 +336,7 @@ def _show_on_objects(
         set_input(modifier, name, value)
     for place, (obj, _) in enumerate(moving):
         modifier = obj.modifiers.new(HOME, "NODES")
-        # The file's group that shows a tree's pieces, made where there is none; key : its mark, as a view's
+        # the file's group that shows a tree's pieces, made where there is none
         groups = (g for g in bpy.data.node_groups if g.get(VIEW_KEY) == HOME and MANY_KEY not in g)
         modifier.node_group = next(groups, None) or _showing(HOME)
         for name, value in {PIECES: pieces, SHAPES: shapes[place], NUMBER: place}.items():

@@ -224,8 +224,8 @@ class DiscStrength(Strength):
         return self.nearness * far
 
     def parts(self, lowest: float, highest: float) -> StrengthParts:
-        """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
-        itself, some time later: its rims' sound crosses its face."""
+        """Parts of a piston, far enough off its normal: the two places of its rim that sound; of an exact
+        disc the disc itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
             later = np.full(len(self.radius), LATER)
             return replace(

@@ -532,7 +532,7 @@ def test_two_pulses_are_where_they_come_from_and_as_loud_as_they_are():
 
 
 def test_an_echo_of_part_of_the_band_is_in_those_channels():
-    """Where a filter's centre is nearest to 50 kHz, that part is loudest; an octave away it is not there."""
+    """The filter whose centre is nearest to 50 kHz is loudest; an octave away it is not there."""
     spectrum = at(3.0, 1.0) * (np.abs(FREQUENCY - 50e3) < 1500)
     peak = cochleagram(FREQUENCY, spectrum[None], CENTRE, LASTS)[0].max(axis=1)
     assert abs(CENTRE[int(peak.argmax())] - 50e3) < 1500

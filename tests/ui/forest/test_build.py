@@ -387,7 +387,7 @@ def test_the_menu_has_names_and_every_preset_once(registered, operator):
 
 
 def in_picture(scene, corners):
-    """Where places are in the camera's picture, 0 to 1."""
+    """Coordinates of places in the camera's picture, 0 to 1."""
     bpy.context.view_layer.update()
     for corner in corners:
         seen = world_to_camera_view(scene, scene.camera, Vector(corner))

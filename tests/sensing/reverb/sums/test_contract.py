@@ -502,7 +502,7 @@ def test_a_cut_record_says_so_and_has_no_reverberation_time() -> None:
 
 
 def test_measures_are_refused_one_by_one() -> None:
-    """What is left -50 dB below changes no T30, but T60; -15 dB below changes the clarity."""
+    """A rest -50 dB below changes no T30, but T60; -15 dB below changes the clarity."""
     samples = 10.0 ** (-3.0 * np.arange(32_000) / 8e3 / 1.0)
     count = len(room_metrics(samples, 8e3).band)
     some = room_metrics(samples, 8e3, np.full(count, -50.0))
