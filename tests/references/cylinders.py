@@ -74,26 +74,6 @@ def scattering_sum_mpmath(ka: float, angle: float) -> complex:
         return complex(total)
 
 
-# ----------------------------------------------------------------------------------------- foldy lax
-# Waves among points that scatter all ways alike, exactly (Foldy 1945, Lax 1951): every echo between all.
-
-
-def received(
-    k: float, points: np.ndarray, source: np.ndarray, receivers: np.ndarray, section: float
-) -> np.ndarray:
-    """(R,) scattered pressure of a source 1/r; section : m², of each point, at most 4π/k²."""
-    sine = k * np.sqrt(section / (4 * np.pi))
-    amplitude = sine / k * np.exp(1j * np.arcsin(sine))  # Im f = k|f|²: energy is kept
-
-    def green(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        r = np.linalg.norm(a[:, None] - b[None], axis=2)
-        return np.exp(1j * k * r) / np.where(r > 0, r, np.inf)
-
-    coupled = np.eye(len(points)) - amplitude * green(points, points)
-    exciting = np.linalg.solve(coupled, green(points, source[None])[:, 0])
-    return green(receivers, points) @ (amplitude * exciting)
-
-
 # ------------------------------------------------------------------------------------ trunk in space
 # A point source beside an endless upright trunk in space: the field by a sum over vertical wavenumbers.
 # e^{ikR}/R = (i/2)·∫H₀(κρ)·e^{ihz} dh, κ² = k² - h², and the trunk scatters each h as a line source's field

@@ -244,11 +244,6 @@ def test_products_are_the_interpolated_table() -> None:
     np.testing.assert_allclose(speaker.at(math.cos(angle), middle), speaker.gain[row], rtol=1e-12)
 
 
-def test_silence_is_allowed() -> None:
-    mute = Directivity(np.array([0.0, np.pi]), np.array([1.0]), np.zeros((2, 1)))
-    assert not directivity_listen(trunks(5), mute).samples.any()
-
-
 def trunks(count: int) -> Trunks:
     rng = np.random.default_rng(3)
     return Trunks(rng.uniform(-12, 32, (count, 2)), np.full(count, 0.2), np.arange(count))
@@ -261,8 +256,8 @@ def directivity_listen(forest: Trunks, directivity: Directivity, **settings: flo
 
 @pytest.mark.slow
 def test_each_path_has_the_gain_of_its_departure() -> None:
-    """One trunk at a time, and 40 at once by either sum: cardioid that points away from the receiver."""
-    forest = trunks(40)
+    """One trunk at a time, and 12 at once by either sum: cardioid that points away from the receiver."""
+    forest = trunks(12)
     away = forest.position - (5.0, 10.0)
     gain = 0.5 - 0.5 * away[:, 0] / np.hypot(*away.T)
     apart = [
@@ -329,12 +324,6 @@ def test_bad_files_are_refused_in_words(tmp_path: Path, text: str, said: str) ->
 
 # ---------------------------------------------------------------------------------------------- ends
 # Several sources and receivers: where they are, what they are called, that each is as if it were alone.
-
-
-def test_one_of_each() -> None:
-    ends = ends_of(Reverb())
-    assert ends.channels == ("source to receiver",)
-    np.testing.assert_array_equal(ends.pairs[0], [(5, 10, 1.5), (15, 10, 1.5)])
 
 
 def test_names_and_places() -> None:

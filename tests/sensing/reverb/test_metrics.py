@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from references.reverb import sum_at_length
 
 from forest_addon.base.rng import stream
@@ -37,8 +35,7 @@ def exponential(seconds_per_60_db: float, length: float = 3.0, delay: float = 0.
     return np.where(time >= -1e-12, 10.0 ** (-3.0 * time / seconds_per_60_db), 0.0)
 
 
-@pytest.mark.parametrize("t60", [0.3, 1.0, 2.0])
-@pytest.mark.parametrize("delay", [0.0, 0.25])
+@pytest.mark.parametrize(("t60", "delay"), [(0.3, 0.25), (2.0, 0.0)])
 def test_exponential_decay(t60: float, delay: float) -> None:
     samples = exponential(t60, 4.0, delay)
     assert reverberation_time(samples, RATE) == pytest.approx(t60, rel=1e-4)
@@ -51,12 +48,6 @@ def test_exponential_decay(t60: float, delay: float) -> None:
     assert decay[0] == 0
     at = round((delay + t60 / 2) * RATE)
     assert decay[at] == pytest.approx(-30.0, abs=1e-6)
-
-
-def test_noise_decay() -> None:
-    rng = np.random.default_rng(3)
-    samples = exponential(0.8) * rng.normal(size=round(3.0 * RATE))
-    assert reverberation_time(samples, RATE) == pytest.approx(0.8, rel=0.05)
 
 
 def test_onset_at_minus_20_db() -> None:
@@ -289,8 +280,9 @@ def soon_fast(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 0.0])
-@pytest.mark.parametrize("spread", [False, True])
+@pytest.mark.parametrize(
+    ("tolerance", "spread"), [(1e-2, True), (1e-4, False), (1e-6, True), (0.0, False)]
+)
 def test_what_is_right_is_kept(soon_fast, tolerance, spread):
     rng = stream(4, "radii")
     radius = np.exp(rng.uniform(np.log(1e-3), np.log(2.0), 150)) if spread else np.full(500, 0.15)
@@ -300,48 +292,19 @@ def test_what_is_right_is_kept(soon_fast, tolerance, spread):
 
 
 @pytest.mark.slow
-@example(power=-6.0, thickest=2.0, seed=2)
-@settings(max_examples=2)
-@given(
-    power=st.floats(-6, -2),
-    thickest=st.sampled_from([0.001, 0.05, 0.5, 2.0]),
-    seed=st.integers(0, 1000),
-)
-def test_what_was_asked_is_kept_always(soon_fast, power, thickest, seed):
-    """The whole and each octave, against the direct sum; radii from 1 mm to 2 m."""
-    rng = stream(seed, "radii")
-    radius = np.exp(rng.uniform(np.log(1e-3), np.log(thickest), 100))
-    sensor = CLAP.changed(tolerance=10**power, sample_rate=16000)
-    trunks = stand(radius)
-    found = impulse_response(trunks, sensor, AIR, expansions=Expansions())
-    exact = impulse_response(trunks, sensor.changed(tolerance=0.0), AIR)
-    assert octave_errors(found.trees - exact.trees, exact.trees, 16000).max() <= 10**power
-
-
-@pytest.mark.slow
-@example(power=-8.0, thickest=2.0, seed=1)
-@settings(max_examples=1)
-@given(
-    power=st.floats(-8, -6.1),
-    thickest=st.sampled_from([0.02, 0.2, 2.0]),
-    seed=st.integers(0, 1000),
-)
-def test_what_only_the_direct_sum_keeps_is_kept_and_its_audit_tells_the_truth(
-    power, thickest, seed
-):
+def test_what_only_the_direct_sum_keeps_is_kept_and_its_audit_tells_the_truth():
     """Against a sum that nothing wraps around in; the audit is of what the transforms cut off."""
-    rng = stream(seed, "radii")
-    trunks = stand(np.exp(rng.uniform(np.log(1e-3), np.log(thickest), 8)))
-    sensor = CLAP.changed(tolerance=10**power, sample_rate=1000)
+    trunks = stand(np.exp(stream(1, "radii").uniform(np.log(1e-3), np.log(2.0), 8)))
+    sensor = CLAP.changed(tolerance=1e-8, sample_rate=1000)
     found = impulse_response(trunks, sensor, AIR)
     paths = trunk_paths(trunks, HERE[:2], THERE[:2], sensor.strength, sensor.spreading)
     truth = sum_at_length(paths, 1000.0, len(found.trees), AIR, seconds=200.0)
     errors = octave_errors(found.trees - truth, truth, 1000.0)
     assert found.exact
-    assert errors.max() <= 10**power
+    assert errors.max() <= 1e-8
     checked = audit(trunks, sensor)
     assert checked.kept, str(checked)
-    assert checked.error < 10**power
+    assert checked.error < 1e-8
 
 
 @pytest.mark.slow
@@ -373,8 +336,7 @@ def test_a_wrong_sum_is_found():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("louder", [1.0, 1.03])
-def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_out(louder):
+def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_out():
     """0.1 trunks per m² and no leaves: the last pieces are 40 dB below the first; 3 % more is found."""
     rng = stream(3, "stems")
     radius = np.clip(rng.normal(0.15, 0.04, 4000), 0.02, None)
@@ -384,12 +346,13 @@ def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_
     field, made = ((-100.0, -100.0), (200.0, 200.0)), Expansions()
     found = impulse_response(trunks, clap, AIR, expansions=made, field=field)
     late = np.arange(len(found.trees)) > 0.3 * 1000
-    noise = found.tail
-    found = replace(found, trees=noise + (found.trees - noise) * np.where(late, louder, 1.0))
-    parts = parts_of_response(found, pairs_of(trunks, clap, AIR, field=field), made, 0.02)
-    (pieces,) = held(parts[-1:], stream(1, "a"), 8.0).checks
-    assert pieces.what.startswith("pieces")
-    assert pieces.kept == (louder == 1.0), str(pieces)
+    noise, pairs = found.tail, pairs_of(trunks, clap, AIR, field=field)
+    for louder in (1.0, 1.03):
+        heard = replace(found, trees=noise + (found.trees - noise) * np.where(late, louder, 1.0))
+        parts = parts_of_response(heard, pairs, made, 0.02)
+        (pieces,) = held(parts[-1:], stream(1, "a"), 8.0).checks
+        assert pieces.what.startswith("pieces")
+        assert pieces.kept == (louder == 1.0), str(pieces)
 
 
 def test_no_trunks():
