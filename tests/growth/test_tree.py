@@ -103,7 +103,7 @@ def grown(**given):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("species", ["hazelnut", "honda-birch", "abop-monopodial-a", "ginkgo"])
+@pytest.mark.parametrize("species", ["hazelnut", "honda-birch", "abop-monopodial-a"])
 def test_trees_are_smaller_the_younger_they_are(species):
     heights = [grown(species=species, age=age).heights().mean() for age in (0.25, 0.5, 1.0, 2.0)]
     assert (np.diff(heights) > 0).all(), heights
@@ -563,7 +563,7 @@ def test_sisters_that_start_as_one_count_once():
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("species", ["abop-monopodial-a", "abop-sympodial-a", "abop-ternary-a"])
+@pytest.mark.parametrize("species", ["abop-monopodial-a", "abop-ternary-a"])
 def test_a_species_fills_what_random_points_say(species):
     settings, _ = load_species(find_species(species, Path()))
     grown, _ = skeleton_of(settings, stream(1, "solid"))
