@@ -438,8 +438,6 @@ def test_two_species_on_the_same_centre_keep_their_pair_distance():
         ),
     )
     hill = [{"peak": 1.0, "centre": (10.0, 10.0), "width": (2.0, 2.0)}]
-    from forest_addon.spec import Gaussian
-
     trees = tuple(
         Planting(species=name, expected=60, gaussians=tuple(Gaussian(**h) for h in hill))
         for name in ("oak", "elm")

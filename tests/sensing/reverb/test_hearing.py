@@ -11,7 +11,8 @@ from scipy.io import wavfile
 from forest_addon.base.rng import stream
 from forest_addon.formats.sofa import read_head
 from forest_addon.formats.wav import read_wav, write_wav
-from forest_addon.results.reverb import wet_sound_of
+from forest_addon.results.coordinates import Offset
+from forest_addon.results.reverb import REVERB, wet_sound_of
 from forest_addon.sensing.reverb.auralise import auralise, normalised, resample
 from forest_addon.sensing.reverb.directivity import CARDIOID, OMNI, Directivity, read_directivity
 from forest_addon.sensing.reverb.ends import ends_of
@@ -132,10 +133,6 @@ def test_a_head_is_heard_as_its_file_says(tmp_path: Path) -> None:
 def test_responses_as_sofa_are_read_back(tmp_path: Path) -> None:
     """Measurements are sources, receivers microphones; places and samples are those of the response."""
     sofar = pytest.importorskip("sofar")
-    from forest_addon.results.coordinates import Offset
-    from forest_addon.results.reverb import REVERB
-    from forest_addon.spec import Place
-
     reverb = Reverb(
         sample_rate=RATE, duration=0.1, array=3, sources=(Place(position=(1.0, 2.0, 3.0)),)
     )

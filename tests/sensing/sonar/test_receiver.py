@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from references.echoes import discs_of
-from scipy.signal import windows
+from scipy.signal import hilbert, windows
 from scipy.stats import chi2, poisson
 
 from forest_addon import api as forest
@@ -114,8 +114,6 @@ def test_call_and_echo_pass_the_transducer_as_a_convolution_in_time() -> None:
 
 
 def _analytic(samples: np.ndarray) -> np.ndarray:
-    from scipy.signal import hilbert
-
     return hilbert(np.pad(samples, 1000))
 
 
@@ -277,8 +275,6 @@ def test_calls_fall_from_the_top_of_the_band_to_its_foot(kind: str) -> None:
     call = synthesise(calls_sonar_of(call=kind, call_duration=0.005))
     assert np.abs(call.samples).max() == 1
     assert call.duration == pytest.approx(0.005)
-    from scipy.signal import hilbert
-
     turned = np.diff(np.unwrap(np.angle(hilbert(call.samples)))) * 400e3 / (2 * math.pi)
     frequency = turned[200:-200]  # the fades aside
     assert np.diff(frequency[::40]).max() < 400

@@ -74,17 +74,6 @@ def test_it_is_a_maximum_of_the_likelihood():
 
 
 @pytest.mark.slow
-def test_the_error_falls_with_one_over_n():
-    # MISE of maximum likelihood falls with 1/n. From 200 to 1,600 trees, 5 samples each, the slope
-    # spreads by 0.1: bounds at 4 sigma.
-    errors = []
-    for count in (200, 1_600):
-        tried = (drawn(HILLS, count, "rate", count, s) for s in range(5))
-        errors.append(np.mean([relative_error(fit_mixture(p, FIELD), law) for p, law in tried]))
-    assert -1.4 < np.log(errors[1] / errors[0]) / np.log(8) < -0.6
-
-
-@pytest.mark.slow
 def test_trees_that_stand_evenly_or_in_an_orchard_get_no_hill():
     # BIC takes one hill of 5 parameters for chance with probability about 1 %: 3 of 12 has 2e-4.
     even = [fit_mixture(drawn(Constant(1.0), 300, "even", s)[0], FIELD) for s in range(12)]
