@@ -265,7 +265,7 @@ def test_a_module_in_the_name_is_import_enough(monkeypatch):
     monkeypatch.delitem(sys.modules, "forest_addon.flight")
     for name in ENVIRONMENTS:
         monkeypatch.delitem(gymnasium.registry, name)
-    with pytest.raises(error.NameNotFound):
+    with pytest.raises(error.UnregisteredEnv):
         gymnasium.make(POISSON)
     assert gymnasium.make(f"forest_addon.flight:{POISSON}").spec.id == POISSON
 
