@@ -149,13 +149,6 @@ def test_settings_that_contradict_each_other_are_refused(values, key):
     assert caught.value.key == key
 
 
-def test_an_exact_number_of_trees_stands():
-    hill = Gaussian(centre=(5.0, 5.0), width=(3.0, 3.0))
-    planting = Planting(species="m", expected=77, exact=True, gaussians=(hill,))
-    counts = {len(plan_stand(s, Forest(), [planting])) for s in range(5)}
-    assert counts == {77}
-
-
 def test_crowns_keep_apart():
     planting = Planting(species="m", expected=300, crown=1.2, scale=(0.5, 1.5))
     stand = plan_stand(1, Forest(), [planting])

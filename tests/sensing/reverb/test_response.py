@@ -519,13 +519,6 @@ def scene(mesh: TriMesh, *places: tuple[float, float]) -> SceneGeometry:
     return SceneGeometry((mesh,), transform, np.zeros(len(places), np.int64), names, number, number)
 
 
-def test_ends_of_one_height_are_one_cut() -> None:
-    cuts = TrunkCuts(scene(cone(10.0, 0.4), (3, 1), (7, -1)), 0.0)
-    trunks = cuts.between(np.array([0.0, 0, 2.0]), np.array([10.0, 0, 2.2]))
-    assert len(trunks) == 2
-    np.testing.assert_allclose(trunks.radius, 0.4 * (1 - 2.1 / 10), rtol=2e-3)
-
-
 def test_each_trunk_is_cut_where_the_path_meets_it() -> None:
     """The path from 1 m up to 9 m over 40 m; a cut is at most half a step off."""
     places = [(x, 0.5) for x in (4, 12, 20, 28, 36)]

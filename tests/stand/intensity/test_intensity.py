@@ -272,13 +272,6 @@ def test_a_planting_adds_multiplies_and_masks():
     assert process.at(points) == pytest.approx((0.2 + hill + 3 * image) * 0.5 * image * within)
 
 
-def test_a_density_counts_within_the_polygon():
-    triangle = ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0))
-    planting = Planting(species="m", density=0.5)
-    field = Forest(size=(20.0, 20.0), polygon=triangle)
-    assert process_of(planting, field).expected() == pytest.approx(100, rel=1e-9)
-
-
 def ramp():
     """Ground that is level up to x = 24 m and rises by 45° behind."""
     vertices = np.array(

@@ -318,18 +318,6 @@ def test_a_hole_takes_its_part_away():
     assert HOLED.area == pytest.approx(outline.area - hole.area)
 
 
-def test_the_moments_over_a_rectangle_are_those_over_its_halves():
-    halves = [
-        Window((np.array([[0.0, 0.0], [7.0, 0.0], [0.0, 4.0]]),)),
-        Window((np.array([[7.0, 0.0], [7.0, 4.0], [0.0, 4.0]]),)),
-    ]
-    of = (np.array([[3.0, 3.0], [-1.0, 6.0], [9.0, 1.0]]), np.array([[1, 2], [3, 0.5], [4, 40.0]]))
-    parts = zip(*(half.gaussian_moments(*of) for half in halves), strict=True)
-    whole = Window.rectangle((0, 0), (7, 4)).gaussian_moments(*of)
-    for (first, second), both in zip(parts, whole, strict=True):
-        assert both == pytest.approx(first + second, abs=1e-14)
-
-
 def test_the_whole_mass_and_none_of_it():
     window = Window.rectangle((0, 0), (100, 100))
     centre = np.array([[50.0, 50.0], [1e4, 50.0], [0.0, 30.0], [0.0, 0.0]])

@@ -278,20 +278,6 @@ def test_chosen_by_tolerance_and_number() -> None:
     assert 0 < np.linalg.norm(gap) < 1e-4 * np.linalg.norm(listen(300, 0.0).samples)
 
 
-def test_gain_of_each_path() -> None:
-    rng = np.random.default_rng(2)
-    trunks = Trunks(rng.uniform(-30, 30, (200, 2)), np.full(200, 0.2), np.arange(200))
-    reverb = Reverb(duration=0.3, sample_rate=8000.0)
-    ends = np.array([[-5.0, 0], [5.0, 0]])
-    heard = np.arange(200) % 2 == 0
-    some = Trunks(trunks.position[heard], trunks.radius[heard], trunks.tree[heard])
-    np.testing.assert_allclose(
-        tree_response(trunks, *ends, reverb, AIR, gain=heard * 3.0).samples,
-        tree_response(some, *ends, reverb, AIR).samples * 3.0,
-        atol=1e-6,
-    )
-
-
 @slow
 @pytest.mark.parametrize(
     ("source", "receiver"),
@@ -331,11 +317,6 @@ def test_hard_places(
     assert gap < 1e-4 * np.linalg.norm(exact.samples)
 
 
-def test_no_trunks() -> None:
-    none, *_ = stand(0, (0.25, 0.25), 150.0, 10.0)
-    assert not Expansions().sum(none, 24e3, 100, AIR, 1e-4).samples.any()
-
-
 @medium
 @pytest.mark.parametrize("radii", [(0.25, 0.25), pytest.param((0.1, 0.2), marks=slow)])
 def test_order_of_trunks_does_not_matter(radii: tuple[float, float]) -> None:
@@ -348,17 +329,6 @@ def test_order_of_trunks_does_not_matter(radii: tuple[float, float]) -> None:
     shares = [done / every for done, every in told]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
-
-
-@medium
-def test_what_was_dropped_is_set_up_anew_with_the_same_samples() -> None:
-    some, other = (stand(500, (radius, radius), 150.0, 10.0)[0] for radius in (0.25, 0.2))
-    prepared = Expansions()
-    first = prepared.sum(some, 8e3, 4000, AIR, 1e-4).samples
-    prepared._layers.limit = 1
-    prepared.sum(other, 8e3, 4000, AIR, 1e-4)
-    assert len(prepared._layers) == 1
-    np.testing.assert_array_equal(prepared.sum(some, 8e3, 4000, AIR, 1e-4).samples, first)
 
 
 def test_what_cannot_be_kept_is_refused() -> None:
