@@ -220,7 +220,7 @@ DIRECTIONS = [(0.3, 0.3, 0.0), (0.7, 1.2, 0.9), (0.4, 2.3, 2.0), (1.5, 1.5, 0.0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ka", [0.3, 2.0, 6.0])
+@pytest.mark.parametrize("ka", [0.3, 2.0])
 def test_separation_of_variables(ka: float) -> None:
     expected = hard_disc_spheroidal(ka, DIRECTIONS)
     values = HardDisc(ka).amplitude(*np.array(DIRECTIONS).T)

@@ -319,7 +319,6 @@ def test_where_all_trees_see_each_other_their_number_is_known(gamma):
     ("gamma", "radius", "intensity"),
     [
         (0.0, 3.0, 0.05),
-        (0.2, 3.0, 0.12),
         (0.7, 4.0, 0.08),
     ],
 )

@@ -240,7 +240,7 @@ def test_a_diameter_drawn_for_a_height_has_it_within_the_band_of_its_kind(name, 
 def test_what_is_drawn_both_ways_round_is_one_joint_law(known):
     """Trees are drawn by diameter; of each some measures are kept, and the rest is drawn given these."""
     name = ("picea-abies", "fagus")[sum(known) % 2]
-    kind, count, rng = read_allometry(name, FOLDER), 1000, stream(4, name, *known)
+    kind, count, rng = read_allometry(name, FOLDER), 500, stream(4, name, *known)
     nothing = np.full((count, 4), NOTHING)
     dbh = np.exp(rng.uniform(np.log(0.005), np.log(kind.height.dbh[1]), count))
     trees = draw(kind, dbh, nothing, rng.random((count, 4)))

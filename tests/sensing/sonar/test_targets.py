@@ -195,7 +195,7 @@ def some(echo: Echo) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("radius", "distance"), [(0.025, 0.15), (0.05, 0.5), (0.05, 1.0), (0.025, 2.0)]
 )
-@pytest.mark.parametrize("incidence", [0.0, 0.05, 0.3, 1.0, 1.4])
+@pytest.mark.parametrize("incidence", [0.0, 0.3, 1.4])
 def test_near_leaf_is_kirchhoffs_integral(radius: float, distance: float, incidence: float) -> None:
     echo = leaf(distance, incidence, radius, leaf_model="piston")
     found, k = some(echo)
