@@ -1,4 +1,4 @@
-"""Cylinders: groups by fundamental solutions, one in 60 digits, points among each other, one in space.
+"""Cylinders: groups by fundamental solutions, one in 60 digits, one in space.
 
 Sound-hard cylinders by the method of fundamental solutions: no multipoles, no addition theorem.
 

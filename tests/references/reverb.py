@@ -1,4 +1,4 @@
-"""The forest's reverb: by scalar loops, at length, by packets in space, among spheres.
+"""The forest's reverb: by scalar loops, at length, by packets in space.
 
 The forest's impulse response as the formulas say it: one trunk, one frequency, one order at a time.
 
