@@ -35,21 +35,6 @@ def exponential(seconds_per_60_db: float, length: float = 3.0, delay: float = 0.
     return np.where(time >= -1e-12, 10.0 ** (-3.0 * time / seconds_per_60_db), 0.0)
 
 
-@pytest.mark.parametrize(("t60", "delay"), [(0.3, 0.25), (2.0, 0.0)])
-def test_exponential_decay(t60: float, delay: float) -> None:
-    samples = exponential(t60, 4.0, delay)
-    assert reverberation_time(samples, RATE) == pytest.approx(t60, rel=1e-4)
-    assert reverberation_time(samples, RATE, (-5.0, -25.0)) == pytest.approx(t60, rel=1e-4)
-    early = 1 - 10.0 ** (-6.0 * 0.05 / t60)
-    assert clarity_db(samples, RATE) == pytest.approx(
-        10 * math.log10(early / (1 - early)), abs=1e-6
-    )
-    decay = energy_decay_db(samples)
-    assert decay[0] == 0
-    at = round((delay + t60 / 2) * RATE)
-    assert decay[at] == pytest.approx(-30.0, abs=1e-6)
-
-
 def test_onset_at_minus_20_db() -> None:
     samples = np.array([0.0, 0.05, -0.1, 0.3, 1.0, 0.5])
     assert onset(samples) == 2
@@ -77,8 +62,15 @@ def test_silence_and_no_late_sound() -> None:
 @pytest.mark.parametrize("t60", [0.4, 1.5])
 def test_measures_of_an_exponential_decay(t60: float) -> None:
     """Closed forms: with δ = 6·ln 10/t60, D50 = 1 - e^{-δ·50 ms} and the centre is at 1/δ."""
-    found = room_metrics(exponential(t60, 4 * t60, 0.1), RATE)
+    samples = exponential(t60, 4 * t60, 0.1)
+    found = room_metrics(samples, RATE)
     decay = 6 * math.log(10) / t60
+    assert reverberation_time(samples, RATE) == pytest.approx(t60, rel=1e-4)
+    assert energy_decay_db(samples)[round((0.1 + t60 / 2) * RATE)] == pytest.approx(-30.0, abs=1e-6)
+    early = 1 - math.exp(-0.05 * decay)
+    assert clarity_db(samples, RATE) == pytest.approx(
+        10 * math.log10(early / (1 - early)), abs=1e-6
+    )
     assert found.band[0] == 0
     for seconds in (found.edt, found.t20, found.t30, found.t60):
         assert seconds[0] == pytest.approx(t60, rel=1e-4)
@@ -323,16 +315,6 @@ def test_direct_sound_among_dense_leaves_and_twigs_is_kept():
     said = [check for check in found.checks if "direct sound by its Fourier" in check.what]
     assert said
     assert all(check.kept for check in said), str(found)
-
-
-@pytest.mark.medium
-def test_a_wrong_sum_is_found():
-    def louder(found):
-        return replace(found, trees=1.001 * found.trees)
-
-    found = audit(stand(np.full(1500, 0.15)), CLAP, louder)
-    assert not found.kept
-    assert found.error == pytest.approx(1e-3, rel=0.1)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from forest_addon.sensing.sonar.audit import Pings, parts_of_echoes
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.station import Equipment, posed
 from forest_addon.sensing.sonar.targets import EchoTargets
-from forest_addon.spec import Air, Sonar, SonarReceiver
+from forest_addon.spec import Air, Sonar
 
 AIR = Air()
 SMOOTH = 2e-5  # of Σ max|A|, that splines of the exact disc are smooth to, all in phase
@@ -148,20 +148,3 @@ def test_one_facet_far_off_is_heard_to_the_last_digits_of_its_phase():
     assert audit(echo, sonar, things=obj).kept
     turned = replace(echo, spectra=echo.spectra * np.exp(1e-9j))
     assert not spectrum(audit(turned, sonar, things=obj)).kept
-
-
-RECEIVED = BAT.changed(
-    receiver=SonarReceiver(source_level_db=110, self_noise_db=20, ambient="wind", threshold_db=9)
-)
-
-
-@pytest.mark.parametrize("name", ["", "recorded", "noise_level", "snr_db", "range", "clipped"])
-def test_what_a_receiver_made_is_made_again(name):
-    echo = ping(targets(40), RECEIVED, AIR)
-    if name:
-        received = replace(echo.received, **{name: getattr(echo.received, name) + 1})
-        echo = replace(echo, received=received)
-    found = audit(echo, RECEIVED, things=targets(40))
-    (check,) = (one for one in found.checks if "receptions" in one.what)
-    assert check.kept == (not name)
-    assert found.kept == (not name)
