@@ -246,15 +246,6 @@ def test_where_trees_were_deleted_or_moved_none_that_spacing_had_removed_moves_u
         assert stand.removed == plain.removed
 
 
-def test_a_new_seed_moves_no_tree_that_was_set():
-    planting = OAK.changed(by_hand=TREES, clearings=(Clearing(position=(9.0, 9.0), radius=4.0),))
-    for seed in (1, 2):
-        stand = plan_stand(seed, FIELD, [planting])
-        hand = stand.number < 0
-        assert stand.position[hand, :2].tolist() == [[5, 5], [5.5, 5], [-3, 40]]
-        assert np.hypot(*(stand.position[~hand, :2] - 9).T).min() > 4
-
-
 @pytest.mark.medium
 def test_a_tree_where_there_is_no_ground_is_said(tmp_path):
     np.save(tmp_path / "hill.npy", np.ones((4, 4)))
@@ -373,15 +364,6 @@ def test_a_distance_larger_than_the_field_leaves_the_oldest_tree(rule):
     keep = apart(rule, points, mark, 1000.0)
     assert keep.sum() == 1
     assert keep[np.argmin(mark)]
-
-
-@pytest.mark.parametrize("rule", RULES)
-def test_the_order_of_trees_does_not_matter(rule):
-    points, mark, spacing = forest(700)
-    keep = space(points, mark, spacing, rule)
-    other = stream(4, "order").permutation(700)
-    mixed = Spacing(spacing.distance, spacing.kind[other], spacing.crown[other])
-    assert (space(points[other], mark[other], mixed, rule) == keep[other]).all()
 
 
 @pytest.mark.parametrize("rule", RULES)

@@ -225,17 +225,6 @@ def test_nothing_where_the_intensity_is_zero():
         sample(empty, stream(0, "x"), 7)
 
 
-@pytest.mark.slow
-def test_millions_of_points_stay_points_of_the_process():
-    """The count, and the mean of x, at 5 sigma: false alarm 2e-6."""
-    field = Forest(size=(3000.0, 3000.0))
-    hill = Gaussian(centre=(1500.0, 1500.0), width=(300.0, 300.0))
-    made = process_of(Planting(species="m", expected=2e6, gaussians=(hill,)), field)
-    points = sample(made, stream(3, "many"))
-    assert abs(len(points) - 2e6) < 5 * np.sqrt(2e6)
-    assert abs(points[:, 0].mean() - 1500) < 5 * 300 / np.sqrt(4e6)
-
-
 def test_sampling_does_not_depend_on_what_was_integrated_before():
     one, two = process("raster"), process("raster")
     two.integral(LOW, LOW + 5)

@@ -12,7 +12,7 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh
 from forest_addon.growth.library import find_species, load_species
-from forest_addon.growth.mesh.meshing import Relief, mesh_wood, sides_for, sides_of, tube
+from forest_addon.growth.mesh.meshing import Relief, mesh_wood, sides_for, sides_of
 from forest_addon.growth.mesh.stand_in import LEVELS, level_for, stand_in
 from forest_addon.growth.skeleton import Skeleton, find_axes, first_level
 from forest_addon.growth.tree import grow, with_tolerance
@@ -267,12 +267,6 @@ def test_texture_runs_in_metres_along_the_stem():
     flat = mesh.vertices[mesh.triangles][..., 2]
     below = flat < 1e-9
     np.testing.assert_allclose(mesh.uv[..., 1][below], 0, atol=1e-6)
-
-
-def test_turned_back_on_itself_stays_finite():
-    points = np.array([[0, 0, 0], [0, 0, 1.0], [0, 1e-9, 0.2]])
-    vertices, _ = tube(points, np.full(3, 0.1), 6)
-    assert np.isfinite(vertices).all()
 
 
 @pytest.mark.parametrize(("radius", "tolerance"), [(0.2, 0.001), (0.05, 0.002), (0.5, 0.0005)])
