@@ -145,7 +145,7 @@ def drawn(kind: str, count: int) -> Iterator[tuple[Drawn, float, float, float]]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_sum_keeps_its_tolerance_and_knows_its_error(kind: str) -> None:
     sharp = []
-    for scene, error, told, rough in drawn(kind, 10):
+    for scene, error, told, rough in drawn(kind, 16):
         assert error <= max(scene.tolerance, rough)
         assert told >= error - 1e-10  # rounding of the carriers
         if scene.where == "spread" and error > 1e-9:
