@@ -305,11 +305,13 @@ def test_the_panel_is_there_for_what_sensors_could_see(wall):
 
 def test_objects_keep_it_without_the_add_on(wall):
     wall.forest_seen = False
-    panels.unregister()
+    for owner, name, _ in panels.PROPERTIES:
+        delattr(owner, name)
     try:
         assert not hasattr(wall, "forest_seen")
         assert wall["forest_ignored"]
         assert wall.name not in found().object_name
     finally:
-        panels.register()
+        for owner, name, prop in panels.PROPERTIES:
+            setattr(owner, name, prop)
     assert not wall.forest_seen
