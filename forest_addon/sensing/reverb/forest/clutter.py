@@ -138,7 +138,7 @@ class Clutter:
 
     @property
     def empty(self) -> bool:
-        """Whether there is no branch, no leaf and no needle."""
+        """True if there is no branch, no leaf and no needle."""
         return not (np.any(self.length) or np.any(self.leaf_area) or np.any(self.needle_area))
 
     @property

@@ -239,7 +239,7 @@ class Expansions:
 
 
 def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -> bool:
-    """Whether filters serve: not where tolerances are finer, and trunks are thick."""
+    """True where filters serve: not for finer tolerances and thick trunks."""
     if radii.max(initial=0.0) > THICKEST:
         return False
     plain = losses is None or (losses.passes and not losses.among_leaves)
