@@ -282,7 +282,9 @@ def is_column(node):
     return (":" in before or before == "...") and last not in (":", "None")
 
 
-OPENING = re.compile(r"(What|Who|Whose|Where|How|Whether|Which|When|Why)\b")
+OPENING = re.compile(
+    r"(What|Who|Whose|Where|How|Whether|Which|When|Why|Of|As|It|Some|For|From|With|In|By|So|Those|Not|Both)\b"
+)
 
 
 def test_docstrings_open_with_a_verb_or_a_noun(sources):

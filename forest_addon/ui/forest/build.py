@@ -153,7 +153,7 @@ def begin_live(scene: bpy.types.Scene) -> None:
 
 
 def let_be(scene: bpy.types.Scene, mark: str) -> None:
-    """This is being built: however it ends, it is not begun again by itself."""
+    """Mark a scene as being built: however it ends, it is not begun again by itself."""
     _let_be[scene.session_uid] = mark
 
 

@@ -38,7 +38,7 @@ class Around:
     high: Point
 
     def reach(self, axis: int) -> tuple[float, float]:
-        """From where to where there is something to sense along x or y, not too far from the foot."""
+        """Interval along x or y in which there is something to sense, not too far from the foot."""
         here = self.foot[axis]
         return (
             min(max(self.low[axis], here - AROUND), here - 5.0),
