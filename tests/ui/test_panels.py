@@ -34,7 +34,7 @@ from forest_addon.ui.forest import hand
 from forest_addon.ui.forest import panels as forest_panels
 from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.sensors import panels as sensor_panels
-from forest_addon.ui.sensors.panels import sensor_data
+from forest_addon.ui.sensors.panels import _sensor_data
 from forest_addon.ui.sensors.run import MENUS, draw_menu
 from forest_addon.ui.sensors.run import forest as run_forest
 from forest_addon.ui.settings import drawing, exchange, references
@@ -623,7 +623,7 @@ def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job, mon
     obj = bpy.data.objects["cloud"]
     place = SimpleNamespace(object=obj, scene=bpy.context.scene)
     seen = []
-    sensor_data.draw(SimpleNamespace(layout=Bars(seen)), place)
+    _sensor_data.draw(SimpleNamespace(layout=Bars(seen)), place)
     assert "[50%] cloud 50%" in seen
     shown = []
     workspace = SimpleNamespace(status_text_set=shown.append)

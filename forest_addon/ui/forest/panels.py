@@ -294,8 +294,8 @@ def _part(name: str, title: str, names: tuple[str, ...], which: str) -> type:
 limits = _part("limits", "Limits", ("slope_deg", "altitude", "polygon", "holes"), "")
 clusters = _part("clusters", "Clusters", (), "clusters")
 strauss = _part("strauss", "Keeping Apart", (), "strauss")
-in_rows = _part("rows", "Orchard Rows", (), "rows")
-in_list = _part("list", "List of Trees", ("trees", "collection"), "list")
+_in_rows = _part("rows", "Orchard Rows", (), "rows")
+_in_list = _part("list", "List of Trees", ("trees", "collection"), "list")
 
 
 def _use_targets(tab: bpy.types.Panel, context: Context) -> None:

@@ -402,7 +402,7 @@ def _is_sensor(context: bpy.types.Context) -> bool:
 
 
 @panel("Forest Sensor", OfData, needs=_is_sensor)
-def sensor_data(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+def _sensor_data(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """The same in the Properties editor, where Blender's own cameras and lamps have theirs."""
     obj = context.object
     draw_adopt(tab.layout, context, obj)

@@ -229,8 +229,8 @@ def made(
 
     def make(function: Callable[..., Any], name: str = "") -> type:
         said = {"__doc__": function.__doc__, "bl_label": title, does: function}
-        name = f"FOREST_{letters}_{name or function.__name__}"
-        return type(name, (*bases, kind), said | body)
+        id_name = (name or function.__name__).lstrip("_")
+        return type(f"FOREST_{letters}_{id_name}", (*bases, kind), said | body)
 
     return make
 
