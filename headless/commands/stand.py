@@ -46,7 +46,25 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     stand = site.plan()
     took = time.perf_counter() - started
     names = labels(settings.plantings)
-    for line in (*site.inputs.told, *stand_lines(stand, names)):
+    width = max([8, *map(len, names)])
+    lines = [
+        f"{'species':<{width}}{'expected':>14}{'trees':>11}{'trees/ha':>11}"
+        f"{'too near':>10}{'no ground':>11}{'off field':>11}"
+    ]
+    counts, density = stand.counts(), stand.density() * 1e4
+    for k, name in enumerate(names):
+        error = f" ±{stand.error[k]:.2g}" if stand.error[k] else ""
+        lines.append(
+            f"{name:<{width}}{f'{stand.expected[k]:,.1f}{error}':>14}{counts[k]:>11,}{density[k]:>11,.1f}"
+            f"{stand.too_near[k]:>10,}{stand.off_ground[k]:>11,}{stand.off_field[k]:>11,}"
+        )
+    if len(names) > 1:
+        lines.append(
+            f"{'together':<{width}}{f'{stand.expected.sum():,.1f}':>14}{len(stand):>11,}"
+            f"{density.sum():>11,.1f}{stand.removed:>10,}{stand.off_ground.sum():>11,}"
+            f"{stand.off_field.sum():>11,}"
+        )
+    for line in (*site.inputs.told, *lines):
         say(line)
     stages = Stages(quiet=False)
     named = zip(names, settings.plantings, strict=True)
@@ -73,26 +91,3 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     if note:
         say(note[:1].upper() + note[1:] + ".")
     return stand
-
-
-def stand_lines(stand: Stand, names: list[str]) -> list[str]:
-    """A table: what was expected of every planting, what stands, what was taken away and why."""
-    width = max([8, *map(len, names)])
-    lines = [
-        f"{'species':<{width}}{'expected':>14}{'trees':>11}{'trees/ha':>11}"
-        f"{'too near':>10}{'no ground':>11}{'off field':>11}"
-    ]
-    counts, density = stand.counts(), stand.density() * 1e4
-    for k, name in enumerate(names):
-        error = f" ±{stand.error[k]:.2g}" if stand.error[k] else ""
-        lines.append(
-            f"{name:<{width}}{f'{stand.expected[k]:,.1f}{error}':>14}{counts[k]:>11,}{density[k]:>11,.1f}"
-            f"{stand.too_near[k]:>10,}{stand.off_ground[k]:>11,}{stand.off_field[k]:>11,}"
-        )
-    if len(names) > 1:
-        lines.append(
-            f"{'together':<{width}}{f'{stand.expected.sum():,.1f}':>14}{len(stand):>11,}"
-            f"{density.sum():>11,.1f}{stand.removed:>10,}{stand.off_ground.sum():>11,}"
-            f"{stand.off_field.sum():>11,}"
-        )
-    return lines

@@ -83,7 +83,25 @@ def set_stage(
         ground = [(*(low + extent * (x, y)), 0.0) for x in (0, 1) for y in (0, 1)]
         corners = np.concatenate([corners, ground])
         _point_camera(scene, corners, corners.mean(axis=0), FROM_ABOVE, WHOLE)
-    _light(scene, golden)
+    high, energy, colour = (75, 7.5, (1.0, 0.74, 0.42)) if golden else (50, 6.5, (1.0, 0.88, 0.70))
+    _replace(scene, _sun(SUN, energy, 0.6, colour, (high, 0, -75)))
+    if golden:
+        scene.view_settings.view_transform = "AgX"
+        scene.view_settings.look = "AgX - Medium High Contrast"
+        scene.view_settings.exposure = EVENING
+
+    world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
+    graph = Graph(tree_of(world))
+    graph.tree.nodes.clear()
+    # A gradient from haze at the horizon to blue above; the same in every version of Blender.
+    colours = WARM if golden else HAZE, (0.16, 0.38, 0.78)
+    sky = graph.ramp(graph.axis(graph.place("Generated"), "Z"), colours, 0.0, 0.30)
+    graph.add("OutputWorld", {"Surface": graph.value("Background", sky, 1.1)})
+    if hasattr(
+        world, "cycles"
+    ):  # a smooth sky is found by chance: aiming at it takes four times as long
+        world.cycles.sampling_method = "NONE"
+    scene.world = world
 
 
 def lay_lawn(scene: bpy.types.Scene, height: float) -> None:
@@ -204,28 +222,6 @@ def _sun(
     sun = bpy.data.objects.new(name, data)
     sun.rotation_euler = [math.radians(degrees) for degrees in turn]
     return sun
-
-
-def _light(scene: bpy.types.Scene, golden: bool) -> None:
-    high, energy, colour = (75, 7.5, (1.0, 0.74, 0.42)) if golden else (50, 6.5, (1.0, 0.88, 0.70))
-    _replace(scene, _sun(SUN, energy, 0.6, colour, (high, 0, -75)))
-    if golden:
-        scene.view_settings.view_transform = "AgX"
-        scene.view_settings.look = "AgX - Medium High Contrast"
-        scene.view_settings.exposure = EVENING
-
-    world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
-    graph = Graph(tree_of(world))
-    graph.tree.nodes.clear()
-    # A gradient from haze at the horizon to blue above; the same in every version of Blender.
-    colours = WARM if golden else HAZE, (0.16, 0.38, 0.78)
-    sky = graph.ramp(graph.axis(graph.place("Generated"), "Z"), colours, 0.0, 0.30)
-    graph.add("OutputWorld", {"Surface": graph.value("Background", sky, 1.1)})
-    if hasattr(
-        world, "cycles"
-    ):  # a smooth sky is found by chance: aiming at it takes four times as long
-        world.cycles.sampling_method = "NONE"
-    scene.world = world
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

@@ -154,7 +154,17 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         if event.type in ("ESC", "RET", "RIGHTMOUSE"):
             return self._end(context)
         if event.type == "LEFTMOUSE" and not event.alt:
-            self._press(context, event, place)
+            props, hand, xy = context.scene.forest_sensing, self.hand, tuple(place[:2])
+            hand.begin()
+            self.last = place
+            if event.shift:
+                self.stroke, self.moved = "move", hand.nearest(xy, REACH)
+            elif event.ctrl:
+                self.stroke = "clear"
+                hand.erase(xy, props.plant_radius)
+            else:
+                self.stroke = "plant"
+                hand.plant(chosen_planting(props), xy)
             return {"RUNNING_MODAL"}
         return self._key(context, event, place)
 
@@ -163,20 +173,6 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         self._end(context)
 
     clearing = False
-
-    def _press(self, context: bpy.types.Context, event: bpy.types.Event, place: Vector) -> None:
-        """Begin a stroke."""
-        props, hand, xy = context.scene.forest_sensing, self.hand, tuple(place[:2])
-        hand.begin()
-        self.last = place
-        if event.shift:
-            self.stroke, self.moved = "move", hand.nearest(xy, REACH)
-        elif event.ctrl:
-            self.stroke = "clear"
-            hand.erase(xy, props.plant_radius)
-        else:
-            self.stroke = "plant"
-            hand.plant(chosen_planting(props), xy)
 
     def _drag(self, context: bpy.types.Context, place: Vector) -> None:
         """Go on with a stroke."""
