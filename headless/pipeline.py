@@ -292,7 +292,15 @@ def _sense(
             run.stages.warn(observer.warning)
             run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
         if run.forest is not None:
-            _audit_trees(run, world)
+            if run.settings.accuracy.audit:
+                run.trees = world.audit
+            for audit in run.trees.values():
+                run.stages.detail(str(audit))
+            stand = run.findings[0]
+            notes = (*stand.notes, *map(str, world.chosen))
+            run.findings[0] = dataclasses.replace(
+                stand, audits=tuple(run.trees.values()), notes=notes
+            )
         unfinished = Unfinished(out, world, resume)
         for sensor in settings.sensors:
             _say_cost(run, world, sensor)
@@ -494,19 +502,6 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
 
             picture = save_figure(draw_goodness(goodness, window), run.path("goodness.png"))
         run.findings.append(page.goodness_finding(goodness, picture))
-
-
-def _audit_trees(run: Run, world: World) -> None:
-    """Hold branches and leaves against their truth; the forest's finding says what came out, and what
-    was left to the scene's sensors.
-    """
-    if run.settings.accuracy.audit:
-        run.trees = world.audit
-    for audit in run.trees.values():
-        run.stages.detail(str(audit))
-    stand = run.findings[0]
-    notes = (*stand.notes, *map(str, world.chosen))
-    run.findings[0] = dataclasses.replace(stand, audits=tuple(run.trees.values()), notes=notes)
 
 
 def _make_writable(out: Path) -> None:

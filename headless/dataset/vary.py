@@ -140,15 +140,6 @@ def cells_of_grid(varied: Sequence[Varied]) -> int:
 
 def draw(varied: Sequence[Varied], seed: int, count: int) -> list[dict[str, Any]]:
     """Values of every path for each of ``count`` scenes."""
-    columns = _even_numbers(varied, seed, count)
-    return [
-        {one.path: one.at(float(columns[one.path][scene])) for one in varied}
-        for scene in range(count)
-    ]
-
-
-def _even_numbers(varied: Sequence[Varied], seed: int, count: int) -> dict[str, np.ndarray]:
-    """Numbers (count,) between 0 and 1, by path."""
     columns: dict[str, np.ndarray] = {}
     grid = [one for one in varied if one.kind == "grid"]
     places = itertools.product(*(range(len(one.given)) for one in grid))
@@ -168,7 +159,10 @@ def _even_numbers(varied: Sequence[Varied], seed: int, count: int) -> dict[str, 
     columns |= _sobol(
         [one.path for one in varied if one.design == "sobol" and one.kind != "grid"], seed, count
     )
-    return columns
+    return [
+        {one.path: one.at(float(columns[one.path][scene])) for one in varied}
+        for scene in range(count)
+    ]
 
 
 def _sobol(paths: Sequence[str], seed: int, count: int) -> dict[str, np.ndarray]:

@@ -73,7 +73,16 @@ def set_stage(
     golden : the sun stands as low as an hour before it sets.
     """
     scene.render.resolution_x, scene.render.resolution_y = size
-    corners = _tree_corners(scene)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    boxes = []
+    for obj in objects_in(part(scene, TREES)):
+        placed = read_points(obj.evaluated_get(depsgraph))
+        for number, source in enumerate(placed.source):
+            boxes.append(_corners(placed.transform[placed.index == number], source))
+        if not len(placed):
+            boxes.append(_corners(np.array(obj.matrix_world)[None, :3], obj))
+    bare = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
+    corners = np.concatenate(boxes) if boxes else bare
     if field is None:
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
         middle[2] = 0.47 * corners[:, 2].max()
@@ -162,20 +171,6 @@ def render(
     finally:
         bpy.app.handlers.render_stats.remove(tell)
         scene.render.filepath = ""
-
-
-def _tree_corners(scene: bpy.types.Scene) -> np.ndarray:
-    """(P, 3) corners of the bounding boxes of all trees; a small field where there is none."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    corners = []
-    for obj in objects_in(part(scene, TREES)):
-        placed = read_points(obj.evaluated_get(depsgraph))
-        for number, source in enumerate(placed.source):
-            corners.append(_corners(placed.transform[placed.index == number], source))
-        if not len(placed):
-            corners.append(_corners(np.array(obj.matrix_world)[None, :3], obj))
-    bare = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
-    return np.concatenate(corners) if corners else bare
 
 
 def _corners(transform: np.ndarray, obj: bpy.types.Object) -> np.ndarray:
@@ -638,21 +633,6 @@ def render_closeup(
     data.from_pydata(corners, [], [(0, 1, 2, 3)])
     data.materials.append(materials.ground("Close-up ground"))
     scene.collection.objects.link(bpy.data.objects.new("Close-up ground", data))
-    _stand_behind(scene, mesh, view)
-    way = view.target - view.eye
-    grow_around(scene, view.eye[:2], math.atan2(way[1], way[0]), lambda place: np.zeros(len(place)))
-    camera, data = scene.camera, scene.camera.data
-    camera.location = view.eye
-    camera.rotation_euler = Vector(view.target - view.eye).to_track_quat("-Z", "Y").to_euler()
-    data.lens, data.clip_start = view.lens, 0.02
-    data.dof.use_dof, data.dof.aperture_fstop = True, view.stop
-    data.dof.focus_distance = float(np.linalg.norm(view.target - view.eye))
-    scene.objects[SUN].rotation_euler = Vector(view.sun).to_track_quat("Z", "Y").to_euler()
-    render(scene, spec.Output(preview_samples=samples), path, progress, exposure=1.0)
-
-
-def _stand_behind(scene: bpy.types.Scene, mesh: bpy.types.Mesh, view: View) -> None:
-    """More trees of the same mesh in what the eye sees beyond its target."""
     rng = stream(3, "closeup")
     way = view.target - view.eye
     turn = math.atan2(way[1], way[0]) + rng.uniform(-0.7, 0.7, BEHIND)
@@ -666,6 +646,16 @@ def _stand_behind(scene: bpy.types.Scene, mesh: bpy.types.Mesh, view: View) -> N
         obj.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
         obj.scale = (float(rng.uniform(0.85, 1.1)),) * 3
         scene.collection.objects.link(obj)
+    way = view.target - view.eye
+    grow_around(scene, view.eye[:2], math.atan2(way[1], way[0]), lambda place: np.zeros(len(place)))
+    camera, data = scene.camera, scene.camera.data
+    camera.location = view.eye
+    camera.rotation_euler = Vector(view.target - view.eye).to_track_quat("-Z", "Y").to_euler()
+    data.lens, data.clip_start = view.lens, 0.02
+    data.dof.use_dof, data.dof.aperture_fstop = True, view.stop
+    data.dof.focus_distance = float(np.linalg.norm(view.target - view.eye))
+    scene.objects[SUN].rotation_euler = Vector(view.sun).to_track_quat("Z", "Y").to_euler()
+    render(scene, spec.Output(preview_samples=samples), path, progress, exposure=1.0)
 
 
 def _fork(species: spec.Species, tree: Tree) -> View:
