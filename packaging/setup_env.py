@@ -3,8 +3,9 @@
 Runs under the interpreter that ``find_python.sh`` found, with the standard library only. In order:
 the system libraries Blender needs, by trying to load each; the venv; uv or pip, with what it is doing on
 one line and all of it in ``setup.log``; what else bpy's own file says is missing; ``import bpy``. Only then
-are the stamps ``blender`` and ``ready`` written, which the Makefile compares with pyproject.toml; it builds
-the kernels in C. Every failure is a line or two and exit code 1.
+are the stamps ``blender`` and ``ready`` written, which the Makefile compares with pyproject.toml. The kernels
+in C are built meanwhile, where a compiler is; the stamp ``kernels`` says so, and without it the Makefile
+fetches a compiler. Every failure is a line or two and exit code 1.
 """
 
 from __future__ import annotations
@@ -94,8 +95,13 @@ def set_up(folder: Path, extra: str) -> None:
     stamps = [folder / name for name in STAMPS[extra]]
     for stamp in stamps:
         stamp.unlink(missing_ok=True)
-    install(python, folder / "setup.log", extra)
-    load_blender(python)
+    command = [str(python), str(ROOT / "packaging/build_kernels.py")]
+    silent = subprocess.DEVNULL
+    with subprocess.Popen(command, stdout=silent, stderr=silent) as building:
+        install(python, folder / "setup.log", extra)
+        load_blender(python)
+    if building.returncode == 0:
+        stamps.append(folder / "kernels")
     for stamp in stamps:
         stamp.write_text(f"Python {VERSION}\n")
     print(f"environment ready in {time.monotonic() - started:.0f} s")
