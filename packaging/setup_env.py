@@ -190,9 +190,9 @@ def install(python: Path, log: Path, extra: str) -> None:
     where packages come from (it does not read pip's settings); all that they said is in ``log``."""
     pip = [str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check"]
     uv = [str(python), "-m", "uv", "pip", "install", "--python", str(python)]
-    if sys.dont_write_bytecode:  # else Python compiles what is imported, and keeps it
+    if sys.dont_write_bytecode and extra == "dev":  # else what is imported is compiled, and kept
         uv.append("--compile-bytecode")
-    else:
+    elif not sys.dont_write_bytecode:
         pip.append("--no-compile")
     wanted = ["--editable", f"{ROOT}[{extra}]"]
     print(
@@ -268,7 +268,8 @@ def why_pip_failed(log: Path) -> str:
 
 
 def load_blender(python: Path) -> None:
-    """Names libraries bpy misses beyond the list above, then imports it."""
+    """Names libraries bpy misses beyond the list above, then imports it and what is large beside it, which
+    keeps both compiled also where Python is told not to."""
     find = "import importlib.util; print(importlib.util.find_spec('bpy').origin)"
     found = subprocess.run([python, "-c", find], capture_output=True, text=True)
     if found.returncode:
@@ -277,7 +278,9 @@ def load_blender(python: Path) -> None:
         )
     if missing := unresolved(found.stdout.strip()):
         raise SetupError(advice(missing, package_tool()))
-    loaded = subprocess.run([python, "-c", "import bpy"], capture_output=True, text=True)
+    variables = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    large = "import bpy, laspy, matplotlib.figure, pyproj, scipy.interpolate, scipy.ndimage"
+    loaded = subprocess.run([python, "-c", large], capture_output=True, text=True, env=variables)
     if loaded.returncode:
         reason = (loaded.stderr.strip().splitlines() or [f"it ended with {loaded.returncode}"])[-1]
         raise SetupError(f"Blender's module does not load: {reason}")
