@@ -107,7 +107,7 @@ BUDGETS = {
     "forest_addon/sensing": (12676, 92),
     "forest_addon/spec": (1323, 11),
     "forest_addon/stand": (3644, 15),
-    "forest_addon/ui": (5693, 38),
+    "forest_addon/ui": (5557, 38),
     "headless": (1717, 15),
     "headless/accuracy": (586, 4),
     "headless/commands": (1353, 17),
