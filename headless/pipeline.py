@@ -1,4 +1,4 @@
-"""From a scene file to results: the Python door's steps, with what a folder of results needs beside them.
+"""Steps from a scene file to results: the API's, with what a folder of results needs beside them.
 
 Every result is on disk before the next sensor starts, so an interrupted run keeps what it finished.
 """

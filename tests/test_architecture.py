@@ -107,7 +107,7 @@ BUDGETS = {
     "forest_addon/sensing": (12676, 92),
     "forest_addon/spec": (1323, 11),
     "forest_addon/stand": (3644, 15),
-    "forest_addon/ui": (5693, 38),
+    "forest_addon/ui": (5557, 38),
     "headless": (1717, 15),
     "headless/accuracy": (586, 4),
     "headless/commands": (1353, 17),
@@ -282,7 +282,9 @@ def is_column(node):
     return (":" in before or before == "...") and last not in (":", "None")
 
 
-OPENING = re.compile(r"(What|Who|Whose|Where|How|Whether|Which|When|Why)\b")
+OPENING = re.compile(
+    r"(What|Who|Whose|Where|How|Whether|Which|When|Why|Of|As|It|Some|For|From|With|In|By|So|Those|Not|Both)\b"
+)
 
 
 def test_docstrings_open_with_a_verb_or_a_noun(sources):

@@ -445,7 +445,7 @@ class World:
         return skeleton_in_world(*self._standing(), tree)
 
     def _repr_html_(self) -> str:
-        """For notebooks: what stands here."""
+        """List what stands here, as notebooks show it."""
         if self.forest is None:
             return f"<b>{self.scene.name}</b>: the scene in Blender"
         kinds = zip(self.forest.labels, self.forest.stand.counts(), strict=True)

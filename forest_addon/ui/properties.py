@@ -296,6 +296,10 @@ FOREST_PG_scene = group_class(  # everything that a Blender scene holds of ours
         "notice": StringProperty(options={"HIDDEN"}),
     },
 )
+PROPERTIES = (
+    (bpy.types.Scene, "forest_sensing", PointerProperty(type=FOREST_PG_scene)),
+    (bpy.types.Object, "forest_sensor", PointerProperty(type=FOREST_PG_sensor)),
+)
 CLASSES = (
     references.FOREST_PG_heard,
     *GROUPS.values(),

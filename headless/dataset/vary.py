@@ -139,7 +139,7 @@ def cells_of_grid(varied: Sequence[Varied]) -> int:
 
 
 def draw(varied: Sequence[Varied], seed: int, count: int) -> list[dict[str, Any]]:
-    """For each of ``count`` scenes, the value of every path."""
+    """Values of every path for each of ``count`` scenes."""
     columns = _even_numbers(varied, seed, count)
     return [
         {one.path: one.at(float(columns[one.path][scene])) for one in varied}
@@ -148,7 +148,7 @@ def draw(varied: Sequence[Varied], seed: int, count: int) -> list[dict[str, Any]
 
 
 def _even_numbers(varied: Sequence[Varied], seed: int, count: int) -> dict[str, np.ndarray]:
-    """By path, (count,) numbers between 0 and 1."""
+    """Numbers (count,) between 0 and 1, by path."""
     columns: dict[str, np.ndarray] = {}
     grid = [one for one in varied if one.kind == "grid"]
     places = itertools.product(*(range(len(one.given)) for one in grid))

@@ -204,5 +204,5 @@ class Sweep:
 
 
 def steps(low: float, high: float, step: float) -> np.ndarray:
-    """From ``low`` to at most ``high``; a last step that rounding would lose is kept."""
+    """Steps from ``low`` to at most ``high``; a last one that rounding would lose is kept."""
     return low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)

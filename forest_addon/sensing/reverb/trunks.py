@@ -66,14 +66,14 @@ class Trunks(RowTable):
         return len(self.radius)
 
     def clear_of(self, places: np.ndarray) -> Trunks:
-        """Those that cover none of the places (P, 2)."""
+        """Trunks that cover none of the places (P, 2)."""
         free = np.ones(len(self), dtype=bool)
         for place in places:
             free &= np.hypot(*(self.position - place).T) > self.radius
         return self.select(free)
 
     def with_others(self, *others: Trunks) -> Trunks:
-        """These trunks and after them the others'; which instance was cut is forgotten."""
+        """Join these trunks and, after them, the others; which instance was cut is forgotten."""
         every = (self, *others)
         return Trunks(
             position=np.concatenate([trunks.position for trunks in every]),

@@ -42,6 +42,8 @@ from ..shell.views import (
     PLANTED,
     chosen_planting,
     draw_lines,
+    draw_no_more,
+    draw_over,
     holds,
     line_shader,
     redraw_views,
@@ -71,7 +73,6 @@ KEYS = keep(
 )
 
 _working: FOREST_OT_plant | None = None
-_handle: Any = None
 
 
 class FOREST_OT_plant(WhenReady, bpy.types.Operator):
@@ -93,7 +94,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         return super().obstacle(context) if _working is None else ""
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        global _working, _handle
+        global _working
         if _working is not None:
             _working.over = True
             return {"CANCELLED"}
@@ -112,7 +113,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         self.area, self.grew = context.area, None
         self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
         _working = self
-        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+        draw_over(_draw)
         context.workspace.status_text_set(say(KEYS))
         context.window_manager.modal_handler_add(self)
         redraw_views()
@@ -313,11 +314,9 @@ def _lines(ends: np.ndarray, colour: tuple[float, ...]) -> None:
 
 def unregister() -> None:
     """Leave nothing that draws."""
-    global _working, _handle
+    global _working
     _working = None
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+    draw_no_more(_draw)
 
 
 LOCAL = "OBJECT_OT_add_named"  # what Blender does when an asset of this file is dropped

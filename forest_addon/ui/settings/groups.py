@@ -152,7 +152,7 @@ ROOM = 6  # digits of an angle that are kept: Blender's numbers have no more
 
 
 def factor_of(field: Field) -> float:
-    """By how much a value of a setting is multiplied when it is shown; 1: as it is stored."""
+    """Factor by which a value of a setting is multiplied when it is shown; 1: as it is stored."""
     if field.param.unit == "deg":
         return DEGREE
     values = field.start if isinstance(field.start, tuple) else (field.start,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import bpy
@@ -21,6 +21,7 @@ ACROSS = (
 )
 
 _icons: Any = None
+_over: dict[Callable[[], None], Any] = {}  # Blender's handles of what draws over views
 _seen_through: set[int] = set()  # areas whose views were made so by us
 
 
@@ -272,6 +273,18 @@ def redraw_views() -> None:
     """Have every 3D view drawn anew."""
     for _, area in views():
         area.tag_redraw()
+
+
+def draw_over(draw: Callable[[], None], when: str = "POST_VIEW") -> None:
+    """Have every 3D view drawn over from now on; without windows nothing is."""
+    if not bpy.app.background:
+        _over[draw] = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", when)
+
+
+def draw_no_more(draw: Callable[[], None]) -> None:
+    """Have views drawn over by this no longer."""
+    if draw in _over:
+        bpy.types.SpaceView3D.draw_handler_remove(_over.pop(draw), "WINDOW")
 
 
 def line_shader() -> gpu.types.GPUShader:
