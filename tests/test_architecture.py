@@ -98,7 +98,7 @@ BUDGETS = {
     "forest_addon/api": (887, 6),
     "forest_addon/base": (344, 12),
     "forest_addon/blender": (5243, 39),
-    "forest_addon/drawing": (596, 6),
+    "forest_addon/drawing": (594, 6),
     "forest_addon/flight": (1853, 12),
     "forest_addon/formats": (3453, 29),
     "forest_addon/growth": (8189, 36),

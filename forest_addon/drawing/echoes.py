@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -156,21 +157,17 @@ def _spectrum(axes: Axes, echo: Echo) -> None:
 
 
 def _spectrogram(axes: Axes, echo: Echo) -> None:
-    from scipy.signal import ShortTimeFFT
-    from scipy.signal.windows import hann
-
     signal, rate = echo.heard_waveforms[0], echo.sample_rate
     axes.set_title("Spectrogram of the echo")
     window = min(256, len(signal))
     if window < 8:
         return
-    short = ShortTimeFFT(hann(window), hop=max(1, window // 8), fs=rate)
-    power = _level(np.abs(short.stft(signal)), 1e-15)
-    extent = (0.0, len(signal) / rate * 1e3, 0.0, rate / 2e3)
-    first, last = short.lower_border_end[1], short.upper_border_begin(len(signal))[1]
-    shown = power[:, max(first, 0) : max(last, first + 1)]
-    _image(axes, shown, extent)
+    hop = max(1, window // 8)
+    power, frequency, time = mlab.specgram(signal, window, rate, noverlap=window - hop)
+    level = 10 * np.log10(np.maximum(power, 1e-30))
+    _image(axes, level, (*(1e3 * time[[0, -1]]), *(frequency[[0, -1]] / 1e3)))
     low, high = np.array(_around(echo)) / 1e3
+    axes.set_xlim(0.0, len(signal) / rate * 1e3)
     axes.set_ylim(low, high)
 
 
