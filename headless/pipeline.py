@@ -298,7 +298,13 @@ def _sense(
             _say_cost(run, world, sensor)
         for sensor in settings.sensors:
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
-                _take(run, world, _looked(world, sensor, unfinished, progress), sound)
+                result = unfinished.result(sensor)
+                if result is None:
+                    result = world.look(sensor, progress)
+                    unfinished.keep(
+                        dataclasses.replace(result, way=None), sensor
+                    )  # it is asked again
+                _take(run, world, result, sound)
         facts = facts_of(world)
     caster = observer.caster
     if run.forest is not None:
@@ -320,15 +326,6 @@ def _sense(
     doubtful += stages.warnings if strict else []
     if doubtful:
         raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
-
-
-def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Progress) -> Result:
-    """A sensor's result: as a run that was ended had it, or anew."""
-    result = unfinished.result(sensor)
-    if result is None:
-        result = world.look(sensor, progress)
-        unfinished.keep(dataclasses.replace(result, way=None), sensor)  # its way is asked for again
-    return result
 
 
 def _say_cost(run: Run, world: World, sensor: Sensor) -> None:

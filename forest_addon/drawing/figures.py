@@ -99,7 +99,16 @@ def draw_cloud(cloud: Cloud, tripod: Terrestrial | None = None) -> Figure:
         left.set_ylabel("z, m")
     above.scatter(*points[:, :2].T, s=0.5, c=colours, linewidths=0, rasterized=True)
     if tripod is not None:
-        _mark_scanner(above, tripod)
+        scanner = tripod.position[:2]
+        above.plot(*scanner, "o", color=RED, markersize=5)
+        above.annotate(
+            "scanner",
+            scanner,
+            xytext=(7, 6),
+            textcoords="offset points",
+            color=RED,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
+        )
     above.set_aspect("equal")
     above.set_title("Points from above", pad=22)  # over the legend
     above.set_xlabel("x, m")
@@ -126,18 +135,6 @@ def _panorama(figure: Figure, axes: Axes, cloud: Cloud, scanner: Terrestrial) ->
     axes.set_xlabel("azimuth, °")
     axes.set_ylabel("elevation, °")
     _distance_bar(figure, shown, axes)
-
-
-def _mark_scanner(axes: Axes, scanner: Terrestrial) -> None:
-    axes.plot(*scanner.position[:2], "o", color=RED, markersize=5)
-    axes.annotate(
-        "scanner",
-        scanner.position[:2],
-        xytext=(7, 6),
-        textcoords="offset points",
-        color=RED,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
-    )
 
 
 def draw_reverb(response: ImpulseResponse) -> Figure:

@@ -409,7 +409,9 @@ def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
     """
     with open(path, "rb") as file:
         start = file.read(4)
-    own = {PNG: _read_png} | dict.fromkeys(TIFF, partial(_read_tiff, raw=raw))
+    own = {PNG: lambda file: read_png(file.read_bytes())} | dict.fromkeys(
+        TIFF, partial(_read_tiff, raw=raw)
+    )
     readers = [own[start]] if start in own else []
     why = "" if readers else "it is neither PNG nor TIFF"
     if start[:2] != b"MM":  # which Pillow takes for little-endian where it is packed
@@ -423,10 +425,6 @@ def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
             why = why or " ".join(str(problem).split()) or type(problem).__name__
     more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
     raise SpecError("", f"cannot be read ({why}); save it as PNG, TIFF or npy{more}")
-
-
-def _read_png(path: Path) -> tuple[np.ndarray, float]:
-    return read_png(path.read_bytes())
 
 
 def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:

@@ -292,7 +292,7 @@ def explain(problem: BaseException, cls: type[Settings]) -> SpecError:
     path = ""
     while isinstance(problem, BaseValidationError):
         # A misspelt key also leaves its right name missing: name the unknown key first.
-        problem = min(problem.exceptions, key=_urgency)
+        problem = min(problem.exceptions, key=lambda one: isinstance(one, KeyError))
         for note in getattr(problem, "__notes__", []):
             if isinstance(note, AttributeValidationNote):
                 path += ("." if path else "") + note.name
@@ -307,10 +307,6 @@ def explain(problem: BaseException, cls: type[Settings]) -> SpecError:
     return SpecError(path or cls.__name__, str(problem))
 
 
-def _urgency(problem: BaseException) -> int:
-    return 1 if isinstance(problem, KeyError) else 0
-
-
 @lru_cache(maxsize=8)  # it writes its own code, which takes longer than a scene file
 def _converter(folder: Path) -> Any:
     from cattrs import Converter
@@ -318,7 +314,9 @@ def _converter(folder: Path) -> Any:
     converter = Converter(detailed_validation=True)
     for kind in (*WORDS, bool | str):
         converter.register_structure_hook(kind, lambda value, kind: typed("", value, kind))
-    converter.register_structure_hook_func(_is_tuple, lambda v, t: _tuple(converter, v, t))
+    converter.register_structure_hook_func(
+        lambda kind: typing.get_origin(kind) is tuple, lambda v, t: _tuple(converter, v, t)
+    )
     converter.register_structure_hook_factory(
         lambda t: isinstance(t, type) and issubclass(t, Settings),
         lambda cls: _table_hook(converter, cls),
@@ -360,10 +358,6 @@ def _sensor(converter: Any, value: Any, folder: Path) -> Any:
     if kind in PLATFORMS and isinstance(value.get("scanner"), str) and value["scanner"]:
         value = merged(settings_of(value["scanner"], kind, folder), value)
     return converter.structure(value, SENSORS[kind])
-
-
-def _is_tuple(kind: Any) -> bool:
-    return typing.get_origin(kind) is tuple
 
 
 def _tuple(converter: Any, value: Any, kind: Any) -> Any:

@@ -232,7 +232,7 @@ def _notes_of_settings(reverb: Reverb, response: ImpulseResponse) -> list[str]:
 
 def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset) -> list[Path]:
     path = folder / f"{reverb.name}.wav"
-    _write_sound(path, response)
+    write_wav(path, channels_of(response), response.sample_rate)
     arrays = folder / f"{reverb.name}.npz"
     write_response(arrays, response)
     return [path, arrays]
@@ -261,13 +261,9 @@ def _save(
         samples = np.atleast_2d(channels_of(response).T)
         write_csv(path, sound_columns(samples, response.sample_rate))
     elif path.suffix.lower() == ".wav":
-        _write_sound(path, response)
+        write_wav(path, channels_of(response), response.sample_rate)
     else:
         write_response(path, response)
-
-
-def _write_sound(path: Path, response: ImpulseResponse) -> None:
-    write_wav(path, channels_of(response), response.sample_rate)
 
 
 def write_response(path: Path, found: ImpulseResponse) -> None:
@@ -322,10 +318,6 @@ def _plot(_reverb: Reverb, response: ImpulseResponse) -> Plot:
     return sound_plot(response.samples, response.sample_rate, decay=True)
 
 
-def _sound(_reverb: Reverb, response: ImpulseResponse) -> tuple[np.ndarray, float]:
-    return channels_of(response), response.sample_rate
-
-
 def wet_sound_of(
     reverb: Reverb, response: ImpulseResponse, dry: np.ndarray, dry_rate: float
 ) -> tuple[np.ndarray, float]:
@@ -372,7 +364,7 @@ REVERB = ResultKind(
     endings=(".wav", ".npz", ".csv", ".sofa"),
     save=_save,
     plot=_plot,
-    sound=_sound,
+    sound=lambda _, response: (channels_of(response), response.sample_rate),
     is_response=True,
     wet=wet_sound_of,
 )

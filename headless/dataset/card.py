@@ -270,7 +270,9 @@ def write_card(plan: Plan, wanted: Sequence[Recipe], root: Path) -> None:
     """Write README.md, loader.py, legend.csv, overview.png and varied.png of a dataset."""
     done = list(disk.scenes_done(root))
     write_whole(root / "loader.py", LOADER.read_bytes())
-    write_names(root / LEGEND)
+    rows = [(file, name, words) for file, known in NAMES.items() for name, words in known.items()]
+    file, name, words = zip(*rows, strict=True)
+    write_csv(root / LEGEND, {"file": list(file), "name": list(name), "meaning": list(words)})
     if done:
         draw_overview(done, plan.head.seed, root / "overview.png")
         draw_varied(done, root / "varied.png")
@@ -594,10 +596,3 @@ def meaning_of(file: str, name: str) -> str:
         if key.startswith("*") and name.endswith(key[1:]):
             return words
     return ""
-
-
-def write_names(path: Path) -> None:
-    """Write the legend of all names as CSV."""
-    rows = [(file, name, words) for file, known in NAMES.items() for name, words in known.items()]
-    file, name, words = zip(*rows, strict=True)
-    write_csv(path, {"file": list(file), "name": list(name), "meaning": list(words)})

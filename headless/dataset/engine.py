@@ -633,15 +633,10 @@ def _ahead(client: Any, address: str) -> int:
     OSError : it has gone away.
     """
     gone = _gone(address, "it has gone away")
-    if client.status != "running" or not _answers(client):
+    stream = getattr(client, "scheduler_comm", None)
+    if client.status != "running" or stream is None or stream.comm.closed():
         raise gone
     try:
         return max(LEAST_AHEAD, AHEAD * sum(client.nthreads().values()))
     except (OSError, TimeoutError, CancelledError):
         raise gone from None
-
-
-def _answers(client: Any) -> bool:
-    """Return whether the scheduler is still there."""
-    stream = getattr(client, "scheduler_comm", None)
-    return stream is not None and not stream.comm.closed()

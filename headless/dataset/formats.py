@@ -123,15 +123,6 @@ def _levels(folder: Path, name: str, count: int) -> np.ndarray:
     return np.ones(count)
 
 
-def write_legend(path: Path) -> None:
-    """Write the classes' numbers, names and colours as CSV."""
-    rows = [
-        f"{number},{name},{r},{g},{b}"
-        for number, (name, (r, g, b)) in enumerate(zip(CLASSES, COLOURS, strict=True))
-    ]
-    write_whole(path, "\n".join(["class,name,red,green,blue", *rows, ""]))
-
-
 MOST_TREES = 2**16 - 1  # that a label's upper half can name
 SPLIT_NAMES = {"train": "train", "validation": "valid", "test": "test"}  # as its tools call them
 STILL = "1 0 0 0 0 1 0 0 0 0 1 0"
@@ -210,8 +201,19 @@ def write_panoptic(done: Sequence[Done], out: Path) -> int:
     """
     for part in ("images", "panoptic"):
         (out / part).mkdir(parents=True, exist_ok=True)
+    categories = [
+        {
+            "id": number,
+            "name": name,
+            "supercategory": "tree" if number in THINGS else "ground",
+            "isthing": int(number in THINGS),
+            "color": list(COLOURS[number]),
+        }
+        for number, name in enumerate(CLASSES)
+        if number
+    ]
     told: dict[str, dict[str, Any]] = {
-        split: {"images": [], "annotations": [], "categories": _categories()} for split in SPLITS
+        split: {"images": [], "annotations": [], "categories": categories} for split in SPLITS
     }
     for one in done:
         if not (one.folder / SEGMENTS).is_file():
@@ -234,20 +236,6 @@ def write_panoptic(done: Sequence[Done], out: Path) -> int:
     for split, record in told.items():
         write_whole(out / f"panoptic_{split}.json", json.dumps(record) + "\n")
     return len(done)
-
-
-def _categories() -> list[dict[str, Any]]:
-    return [
-        {
-            "id": number,
-            "name": name,
-            "supercategory": "tree" if number in THINGS else "ground",
-            "isthing": int(number in THINGS),
-            "color": list(COLOURS[number]),
-        }
-        for number, name in enumerate(CLASSES)
-        if number
-    ]
 
 
 def _segments(segment: np.ndarray) -> list[dict[str, Any]]:
@@ -345,5 +333,9 @@ def convert_dataset(root: Path, kind: str, out: Path, say: Callable[[str], None]
         raise SpecError(f"--out {out}", "is there already; choose another folder, or empty it")
     out.mkdir(parents=True, exist_ok=True)
     count = FORMATS[kind](done, out)
-    write_legend(out / LEGEND)
+    rows = [
+        f"{number},{name},{r},{g},{b}"
+        for number, (name, (r, g, b)) in enumerate(zip(CLASSES, COLOURS, strict=True))
+    ]
+    write_whole(out / LEGEND, "\n".join(["class,name,red,green,blue", *rows, ""]))
     say(f"{count} items of {len(done)} scenes as {kind} in {out}")

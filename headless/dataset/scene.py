@@ -168,6 +168,8 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
         _write_blender(settings, keep, folder, observer, forest)
         write_settings(folder / "scene.toml", settings)
         variants = _digests(forest)
+    if settings.plantings and not len(forest.stand):
+        work.empty["forest"] = "no tree stands: expect more, or a larger field"
     return {
         "facts": {
             "trees": len(forest.stand),
@@ -175,7 +177,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
-            "empty": work.empty | _no_trees(settings, forest),
+            "empty": work.empty,
             "engine": observer.caster.engine,
             "variants": variants,
         },
@@ -290,13 +292,6 @@ def _write_blender(
     if keep.preview:
         seen = observer.caster, forest, settings.plantings
         write_segments(folder / SEGMENTS, scene, *seen)
-
-
-def _no_trees(settings: Scene, forest: GrownForest) -> dict[str, str]:
-    """Say that nothing stands where something was planted."""
-    if not settings.plantings or len(forest.stand):
-        return {}
-    return {"forest": "no tree stands: expect more, or a larger field"}
 
 
 def _digests(forest: GrownForest) -> dict[str, str]:
