@@ -314,9 +314,7 @@ def _converter(folder: Path) -> Any:
     converter = Converter(detailed_validation=True)
     for kind in (*WORDS, bool | str):
         converter.register_structure_hook(kind, lambda value, kind: typed("", value, kind))
-    converter.register_structure_hook_func(
-        lambda kind: typing.get_origin(kind) is tuple, lambda v, t: _tuple(converter, v, t)
-    )
+    converter.register_structure_hook_func(_is_tuple, lambda v, t: _tuple(converter, v, t))
     converter.register_structure_hook_factory(
         lambda t: isinstance(t, type) and issubclass(t, Settings),
         lambda cls: _table_hook(converter, cls),
@@ -358,6 +356,10 @@ def _sensor(converter: Any, value: Any, folder: Path) -> Any:
     if kind in PLATFORMS and isinstance(value.get("scanner"), str) and value["scanner"]:
         value = merged(settings_of(value["scanner"], kind, folder), value)
     return converter.structure(value, SENSORS[kind])
+
+
+def _is_tuple(kind: Any) -> bool:
+    return typing.get_origin(kind) is tuple
 
 
 def _tuple(converter: Any, value: Any, kind: Any) -> Any:

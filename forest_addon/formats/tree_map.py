@@ -253,9 +253,9 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     """
     whole = {"".join(_plain(name)): at for at, name in enumerate(head)}
     usual = USUAL | (FIA if FIA_OWN & set(whole) else {})
-    column = partial(_column, path, head, usual)
+    column = partial(column_of, path, head, usual)
     columns = {key: one for key, names in COLUMNS.items() if (one := column(key, names.split()))}
-    pairs = [[column("x", [name]) for name in names.split()] for names in PLACES]
+    pairs = pairs_of(path, head)
     both = next(filter(all, pairs), None)
     if both:
         columns |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
@@ -269,10 +269,17 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     return columns
 
 
-def _column(
+def pairs_of(path: Path, head: Sequence[str]) -> list[list[tuple[int, float, str] | None]]:
+    """Columns of x and y by each of ``PLACES``."""
+    return [[column_of(path, head, {}, "x", [name]) for name in pair.split()] for pair in PLACES]
+
+
+def column_of(
     path: Path, head: Sequence[str], usual: Mapping[str, str], key: str, names: Sequence[str]
 ) -> tuple[int, float, str] | None:
-    """Place of the column with the first of these names, and its unit; None without one."""
+    """Place of the column with the first of these names, its unit in ours and the unit's name; None without
+    one.
+    """
     units = {"": 1.0} if key in TEXTS else UNITS.get(key, LENGTHS)
     plain = [_plain(name) for name in head]
     for name in names:
@@ -552,11 +559,10 @@ def _workbook(path: Path) -> _Sheet:
 
 def _geojson(path: Path) -> _Sheet:
     told = json.loads(path.read_bytes())
-    if "features" not in told:
-        raise SpecError(
-            str(path), "is no FeatureCollection; save a layer of points or polygons as GeoJSON"
-        )
-    features = [(feature["geometry"], feature["properties"] or {}) for feature in told["features"]]
+    features = [
+        (feature["geometry"], feature["properties"] or {})
+        for feature in told.get("features", [told])
+    ]
     named = (told.get("crs") or {}).get("properties", {}).get("name", "")
     return _features(path, features, named)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import operator
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -32,15 +33,10 @@ MADE: dict[str, Callable[..., Any]] = {
 Name = Callable[[type], str]
 
 
-def name_alone(kind: type) -> str:
-    """The name of a record without its module."""
-    return kind.__name__
-
-
 def write_values(
     stream: IO[bytes],
     values: Sequence[Any],
-    name_of: Name = name_alone,
+    name_of: Name = operator.attrgetter("__name__"),
     left_out: Collection[str] = (),
     most: float = np.inf,
 ) -> bool:

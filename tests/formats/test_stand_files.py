@@ -333,7 +333,7 @@ def test_other_words_of_a_status_are_said_to_be_living(tmp_path):
     ("name", "text", "said"),
     [
         ("t.xls", "x,y\n1,2\n", "a kind of table that is not read"),
-        ("t.json", '{"type": "Feature"}', "no FeatureCollection"),
+        ("t.json", "{}", "cannot be read as a table of trees"),
         ("t.json", '{"features": [{"geometry": {"type": "LineString", "coordinates": [[1, 2]]}, '
          '"properties": null}]}', "has a LineString; give trees as points"),
     ],

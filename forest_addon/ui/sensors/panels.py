@@ -397,11 +397,11 @@ def sensor(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     _draw_sensor(tab.layout, obj)
 
 
-def _is_sensor(context: bpy.types.Context) -> bool:
-    return context.object is not None and sensors.kind_of(context.object) in KINDS
-
-
-@panel("Forest Sensor", OfData, needs=_is_sensor)
+@panel(
+    "Forest Sensor",
+    OfData,
+    needs=lambda c: c.object is not None and sensors.kind_of(c.object) in KINDS,
+)
 def _sensor_data(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """The same in the Properties editor, where Blender's own cameras and lamps have theirs."""
     obj = context.object
