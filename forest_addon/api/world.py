@@ -68,6 +68,16 @@ def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     return table | {name: _numbers(table[name]) for name in numbers}
 
 
+def leaves_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
+    """A row a leaf."""
+    return _both(forest, placed, leaf_table, placed_leaves)
+
+
+def cylinders_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
+    """A row a segment of a branch."""
+    return _both(forest, placed, cylinder_table, placed_cylinders)
+
+
 def skeleton_in_world(forest: GrownForest | None, placed: PlacedTrees, tree: int) -> Table:
     """The segments of one tree in the world.
 
@@ -109,9 +119,10 @@ def _both(
         return first
     second = {name: np.array(column) for name, column in of_placed(placed).items()}
     count = len(next(iter(second.values()), ()))
-    nothing = {name: np.nan if values.dtype.kind == "f" else "" for name, values in first.items()}
     return {
-        name: np.concatenate([values, second.get(name, np.full(count, nothing[name]))])
+        name: np.concatenate(
+            [values, second.get(name, np.full(count, np.nan if values.dtype.kind == "f" else ""))]
+        )
         for name, values in first.items()
     }
 
@@ -356,7 +367,7 @@ class World:
         ------
         SpecError : as ``trees``.
         """
-        return _both(*self._standing(), leaf_table, placed_leaves)
+        return leaves_in_world(*self._standing())
 
     @property
     def cylinders(self) -> dict[str, np.ndarray]:
@@ -367,7 +378,7 @@ class World:
         ------
         SpecError : as ``trees``.
         """
-        return _both(*self._standing(), cylinder_table, placed_cylinders)
+        return cylinders_in_world(*self._standing())
 
     def canopy(self, points: np.ndarray) -> Canopy:
         """Readings of hemispherical pictures at points (N, 3): gap fraction by zenith angle, the share

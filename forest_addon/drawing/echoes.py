@@ -75,11 +75,23 @@ def _map(
     shown = [np.array([echo.pose.position[:2] for echo in echoes])]
     for number, echo in enumerate(echoes, start=1):
         width = _width(echo.pose, sonar)
-        red = _in_beam(echo, width)
+        heard = echo.heard
+        loud = heard.amplitude >= heard.amplitude.max(initial=0.0) * 10 ** (-HEARD_DB / 20)
+        places = heard.position[loud & (heard.kind == "leaf")]
+        away = places - echo.pose.position
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        red = places[np.hypot(*beam_offsets(away, echo.pose.frame)) <= width / 2]
         axes.scatter(*red[:, :2].T, s=1.4, c=RED, linewidths=0, rasterized=True)
         reach = np.linalg.norm(red - echo.pose.position, axis=1).max(initial=2.0)
         if width < math.pi:
-            outline = _contour(echo.pose, width, float(reach))
+            turn = np.linspace(-width / 2, width / 2, 40)
+            forward, left, _ = echo.pose.frame
+            edge = echo.pose.position + float(reach) * (
+                np.outer(np.cos(turn), forward) + np.outer(np.sin(turn), left)
+            )
+            outline = np.concatenate([echo.pose.position[None], edge, echo.pose.position[None]])[
+                :, :2
+            ]
             axes.plot(*outline.T, color=INK, linewidth=0.8)
             shown.append(outline)
         shown.append(red[:, :2])
@@ -99,16 +111,6 @@ def _map(
     axes.set_ylabel("y, m")
 
 
-def _in_beam(echo: Echo, width: float) -> np.ndarray:
-    """(M, 3) the leaves heard within the -3 dB width, as much as 40 dB weaker than the loudest."""
-    heard = echo.heard
-    loud = heard.amplitude >= heard.amplitude.max(initial=0.0) * 10 ** (-HEARD_DB / 20)
-    places = heard.position[loud & (heard.kind == "leaf")]
-    away = places - echo.pose.position
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
-    return places[np.hypot(*beam_offsets(away, echo.pose.frame)) <= width / 2]
-
-
 def _width(pose: SonarPose, sonar: Sonar) -> float:
     """Full -3 dB width in radians; 2π of a beam that has none."""
     if sonar.beam == "gaussian":
@@ -116,14 +118,6 @@ def _width(pose: SonarPose, sonar: Sonar) -> float:
     if sonar.beam == "horseshoe":
         return float(Horseshoe().width(np.array(sum(sonar.band) / 2)))
     return 2 * math.pi
-
-
-def _contour(pose: SonarPose, width: float, reach: float) -> np.ndarray:
-    """(N, 2) outline of the beam's width in its level plane, from above."""
-    turn = np.linspace(-width / 2, width / 2, 40)
-    forward, left, _ = pose.frame
-    edge = pose.position + reach * (np.outer(np.cos(turn), forward) + np.outer(np.sin(turn), left))
-    return np.concatenate([pose.position[None], edge, pose.position[None]])[:, :2]
 
 
 # ---------------------------------------------------------------------------------------------- signals

@@ -40,7 +40,8 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
         figure.colorbar(
             *(scale, None, axes), label="intensity, trees/ha", shrink=0.5, aspect=24, anchor=(0, 0)
         ).outline.set_edgecolor(FAINT)
-    for ring in (settings.forest.polygon, *settings.forest.holes):
+    field = settings.forest
+    for ring in (field.polygon, *field.holes):
         if ring:
             axes.plot(*np.array([*ring, ring[0]]).T, color=INK, linewidth=0.9, zorder=3)
     if inputs.terrain is not None:

@@ -202,8 +202,11 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
 
     verdict = made.verdict
     species, template = load_species(made.species)
-    still = replace(species.siblings or Siblings(), variety=0.0)
-    itself = grow(replace(species, siblings=still), template, stream(0, "template"))
+    itself = grow(
+        replace(species, siblings=replace(species.siblings or Siblings(), variety=0.0)),
+        template,
+        stream(0, "template"),
+    )
     anatomy = made.habit.anatomy
     rebuilt = grow_sibling(made.habit, Siblings(variety=0.0), 0)
     off = farthest_off(anatomy, rebuilt)

@@ -285,9 +285,7 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
     points = sum(sum(record["points"].values()) for record in records)
     species = sorted({name for record in records for name in record["species"]})
     lost = len(wanted) - len(done)
-    empty = [why for record in records for why in record.get("empty", {}).values()]
-    files = [name for record in records for name in record["files"]] + [disk.RECORD]
-    ends = {name: name.replace("NAME", "").replace("*", "") for name in FILES}
+    whys = [why for record in records for why in record.get("empty", {}).values()]
     lines = [
         f"# {_text(plan.head.name)}",
         "",
@@ -304,7 +302,7 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         f"| leaf area | {sum(record['leaf_area_m2'] for record in records):,.0f} m² |",
         f"| species | {_text(', '.join(species)) or 'none'} |",
         f"| points | {points:,} |",
-        *([f"| empty | {len(empty):,} results; first: {_text(empty[0])} |"] if empty else []),
+        *([f"| empty | {len(whys):,} results; first: {_text(whys[0])} |"] if whys else []),
         f"| size | {sum(one.size for one in done) / 1e9:.2f} GB |",
         *(
             f"| {split} | {sum(r['split'] == split for r in records):,} scenes |"
@@ -323,11 +321,7 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         *_what_varied(plan),
         "## What a scene's folder holds",
         "",
-        *(
-            f"- `{name}`: {what}"
-            for name, what in FILES.items()
-            if any(file.endswith(ends[name]) for file in files)
-        ),
+        *(f"- `{name}`: {what}" for name, what in FILES.items() if _is_there(name, records)),
         "",
         "![What varied](varied.png)",
         "",
@@ -353,6 +347,13 @@ def _text(words: str) -> str:
 def _code(words: str) -> str:
     """Words between backticks of a table: an entity would be shown as it is."""
     return " ".join(plain(words).replace("`", "'").replace("|", "\\|").split())
+
+
+def _is_there(pattern: str, records: Sequence[dict[str, Any]]) -> bool:
+    ending = pattern.replace("NAME", "").replace("*", "")
+    return any(name.endswith(ending) for record in records for name in record["files"]) or (
+        ending == disk.RECORD
+    )
 
 
 def _what_varied(plan: Plan) -> list[str]:

@@ -233,8 +233,11 @@ def _trial(recipe: Recipe, worker: Worker, running: Running, say: Callable[[str]
     def make(thin: float) -> Trial:
         return _made(thinned(recipe, thin), worker, running)
 
-    has_pulses = any(KINDS[one["kind"]].thinned for one in recipe.scene.get("sensors", []))
-    few = make(THIN) if has_pulses else None
+    few = (
+        make(THIN)
+        if any(KINDS[one["kind"]].thinned for one in recipe.scene.get("sensors", []))
+        else None
+    )
     share = 1.0 if few is None else max(1.0, THIN * few.points / ENOUGH)
     whole = make(share) if share > 2.0 else make(1.0)
     how = ""

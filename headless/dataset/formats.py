@@ -69,21 +69,6 @@ class LabelledScan:
     stands: np.ndarray | None
 
 
-def done_scenes(root: Path) -> list[Done]:
-    """Return the scenes that a dataset has, in order.
-
-    Raises
-    ------
-    SpecError : there is none.
-    """
-    done = list(scenes_done(root)) if (root / SCENES).is_dir() else []
-    if not done:
-        raise SpecError(
-            f"--convert {root}", "holds no finished scene; give the folder of a dataset"
-        )
-    return done
-
-
 def scans_of(one: Done) -> Iterator[LabelledScan]:
     """Clouds of a scene, by name.
 
@@ -148,7 +133,18 @@ def write_kitti(done: Sequence[Done], out: Path) -> int:
         _write_text(folder / "poses.txt", poses)
         _write_text(folder / "calib.txt", [f"{key}: {STILL}" for key in ("P0", "P1", "Tr")])
         _write_text(folder / "times.txt", [str(float(number)) for number in range(len(poses))])
-    _write_text(out / "semantic-kitti.yaml", _config(done))
+    numbers = range(len(CLASSES))
+    lines = ["labels:", *(f"  {k}: {CLASSES[k]!r}" for k in numbers)]
+    lines += ["color_map: # blue, green, red"]
+    lines += [f"  {k}: [{COLOURS[k][2]}, {COLOURS[k][1]}, {COLOURS[k][0]}]" for k in numbers]
+    for key in ("learning_map", "learning_map_inv"):
+        lines += [f"{key}:", *(f"  {k}: {k}" for k in numbers)]
+    lines += ["learning_ignore:", *(f"  {k}: {str(k in (0, 3)).lower()}" for k in numbers)]
+    lines += ["split:"]
+    for split, name in SPLIT_NAMES.items():
+        mine = [one.number for one in done if one.record["split"] == split]
+        lines.append(f"  {name}: {mine}")
+    _write_text(out / "semantic-kitti.yaml", lines)
     return count
 
 
@@ -168,22 +164,6 @@ def _write_frame(scan: LabelledScan, folder: Path, number: int) -> str:
     return f"1 0 0 {x!r} 0 1 0 {y!r} 0 0 1 {z!r}"
 
 
-def _config(done: Sequence[Done]) -> list[str]:
-    """Return the lines of the file that SemanticKITTI's tools and loaders ask for names and splits."""
-    numbers = range(len(CLASSES))
-    lines = ["labels:", *(f"  {k}: {CLASSES[k]!r}" for k in numbers)]
-    lines += ["color_map: # blue, green, red"]
-    lines += [f"  {k}: [{COLOURS[k][2]}, {COLOURS[k][1]}, {COLOURS[k][0]}]" for k in numbers]
-    for key in ("learning_map", "learning_map_inv"):
-        lines += [f"{key}:", *(f"  {k}: {k}" for k in numbers)]
-    lines += ["learning_ignore:", *(f"  {k}: {str(k in (0, 3)).lower()}" for k in numbers)]
-    lines += ["split:"]
-    for split, name in SPLIT_NAMES.items():
-        mine = [one.number for one in done if one.record["split"] == split]
-        lines.append(f"  {name}: {mine}")
-    return lines
-
-
 def _write_text(path: Path, lines: Sequence[str]) -> None:
     write_whole(path, "".join(f"{line}\n" for line in lines))
 
@@ -201,19 +181,23 @@ def write_panoptic(done: Sequence[Done], out: Path) -> int:
     """
     for part in ("images", "panoptic"):
         (out / part).mkdir(parents=True, exist_ok=True)
-    categories = [
-        {
-            "id": number,
-            "name": name,
-            "supercategory": "tree" if number in THINGS else "ground",
-            "isthing": int(number in THINGS),
-            "color": list(COLOURS[number]),
-        }
-        for number, name in enumerate(CLASSES)
-        if number
-    ]
     told: dict[str, dict[str, Any]] = {
-        split: {"images": [], "annotations": [], "categories": categories} for split in SPLITS
+        split: {
+            "images": [],
+            "annotations": [],
+            "categories": [
+                {
+                    "id": number,
+                    "name": name,
+                    "supercategory": "tree" if number in THINGS else "ground",
+                    "isthing": int(number in THINGS),
+                    "color": list(COLOURS[number]),
+                }
+                for number, name in enumerate(CLASSES)
+                if number
+            ],
+        }
+        for split in SPLITS
     }
     for one in done:
         if not (one.folder / SEGMENTS).is_file():
@@ -328,7 +312,11 @@ def convert_dataset(root: Path, kind: str, out: Path, say: Callable[[str], None]
     """
     if kind not in FORMATS:
         raise unknown("--to", kind, FORMATS)
-    done = done_scenes(root)
+    done = list(scenes_done(root)) if (root / SCENES).is_dir() else []
+    if not done:
+        raise SpecError(
+            f"--convert {root}", "holds no finished scene; give the folder of a dataset"
+        )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise SpecError(f"--out {out}", "is there already; choose another folder, or empty it")
     out.mkdir(parents=True, exist_ok=True)

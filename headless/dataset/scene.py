@@ -168,8 +168,6 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
         _write_blender(settings, keep, folder, observer, forest)
         write_settings(folder / "scene.toml", settings)
         variants = _digests(forest)
-    if settings.plantings and not len(forest.stand):
-        work.empty["forest"] = "no tree stands: expect more, or a larger field"
     return {
         "facts": {
             "trees": len(forest.stand),
@@ -177,7 +175,12 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
-            "empty": work.empty,
+            "empty": work.empty
+            | (
+                {}
+                if not settings.plantings or len(forest.stand)
+                else {"forest": "no tree stands: expect more, or a larger field"}
+            ),
             "engine": observer.caster.engine,
             "variants": variants,
         },

@@ -448,23 +448,6 @@ def paint(_button: Button, context: bpy.types.Context) -> str:
         bpy.ops.object.mode_set(mode="OBJECT")
         _put_away()
         return ""
-    obj = _canvas(context)
-    planting = chosen_planting(context.scene.forest_sensing)
-    name = str(planting.painted_layer)  # the layer that the planting has on the canvas
-    if planting.painted_pointer != obj or name not in obj.vertex_groups:
-        stem = Path(planting.species).stem or "trees"
-        name = free_name(stem, " ", "", obj.vertex_groups.__contains__)
-    planting.painted = f"{obj.name}:{intensity.layer_of(obj, name).name}"
-    select(context, obj)
-    bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
-    intensity.show_canvas(obj, painted=True)
-    _in_hand = obj.name
-    see_through(True)
-    return say("Paint where trees stand; Done ends it, Grow Forest plants them")
-
-
-def _canvas(context: bpy.types.Context) -> bpy.types.Object:
-    """The scene's canvas, laid over the field as it is now."""
     from ...blender.site import with_objects
     from ...site import ForestSite
     from ...stand.files import read_inputs
@@ -482,7 +465,18 @@ def _canvas(context: bpy.types.Context) -> bpy.types.Object:
     known = (t for t in home.objects if intensity.CANVAS_KEY in t and t.type == "MESH")
     obj = next(known, None) or intensity.new_canvas(NAME, home)
     intensity.lay(obj, settings.forest, site.ground)
-    return obj
+    planting = chosen_planting(context.scene.forest_sensing)
+    name = str(planting.painted_layer)  # the layer that the planting has on the canvas
+    if planting.painted_pointer != obj or name not in obj.vertex_groups:
+        stem = Path(planting.species).stem or "trees"
+        name = free_name(stem, " ", "", obj.vertex_groups.__contains__)
+    planting.painted = f"{obj.name}:{intensity.layer_of(obj, name).name}"
+    select(context, obj)
+    bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+    intensity.show_canvas(obj, painted=True)
+    _in_hand = obj.name
+    see_through(True)
+    return say("Paint where trees stand; Done ends it, Grow Forest plants them")
 
 
 HANDLERS = (("depsgraph_update_post", _put_away),)

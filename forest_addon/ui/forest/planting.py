@@ -154,7 +154,17 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         if event.type in ("ESC", "RET", "RIGHTMOUSE"):
             return self._end(context)
         if event.type == "LEFTMOUSE" and not event.alt:
-            self._press(context, event, place)
+            props, hand, xy = context.scene.forest_sensing, self.hand, tuple(place[:2])
+            hand.begin()
+            self.last = place
+            if event.shift:
+                self.stroke, self.moved = "move", hand.nearest(xy, REACH)
+            elif event.ctrl:
+                self.stroke = "clear"
+                hand.erase(xy, props.plant_radius)
+            else:
+                self.stroke = "plant"
+                hand.plant(chosen_planting(props), xy)
             return {"RUNNING_MODAL"}
         return self._key(context, event, place)
 
@@ -163,20 +173,6 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         self._end(context)
 
     clearing = False
-
-    def _press(self, context: bpy.types.Context, event: bpy.types.Event, place: Vector) -> None:
-        """Begin a stroke."""
-        props, hand, xy = context.scene.forest_sensing, self.hand, tuple(place[:2])
-        hand.begin()
-        self.last = place
-        if event.shift:
-            self.stroke, self.moved = "move", hand.nearest(xy, REACH)
-        elif event.ctrl:
-            self.stroke = "clear"
-            hand.erase(xy, props.plant_radius)
-        else:
-            self.stroke = "plant"
-            hand.plant(chosen_planting(props), xy)
 
     def _drag(self, context: bpy.types.Context, place: Vector) -> None:
         """Go on with a stroke."""
@@ -356,7 +352,14 @@ class FOREST_OT_plant_dropped(bpy.types.Operator):
         area, region = region_below(context.window, event.mouse_x, event.mouse_y)
         with context.temp_override(area=area, region=region, selected_objects=[obj]):
             if region is not None:
-                _stand_below(bpy.context, obj)
+                low, high = obj.bound_box[0], obj.bound_box[6]
+                bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+                region = bpy.context.region
+                mouse = location_3d_to_region_2d(region, region.data, obj.matrix_world @ bottom)
+                place = None if mouse is None else _ground_seen(bpy.context, region, mouse)
+                if place is not None:
+                    obj.rotation_euler[:2] = 0.0, 0.0
+                    obj.location = place
                 context.view_layer.update()
             bpy.ops.forest.adopt_trees()
         return {"FINISHED"}
@@ -412,21 +415,6 @@ def is_of_forest(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
 
 def _role(obj: bpy.types.Object) -> str:
     return str(obj.get(ROLE_KEY, ""))
-
-
-def _stand_below(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Stand a tree upright where the mouse pointed at the ground.
-
-    Blender sets the middle of the box's bottom on the first face below the mouse, which may be of a crown.
-    """
-    low, high = obj.bound_box[0], obj.bound_box[6]
-    bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
-    region = context.region
-    mouse = location_3d_to_region_2d(region, region.data, obj.matrix_world @ bottom)
-    place = None if mouse is None else _ground_seen(context, region, mouse)
-    if place is not None:
-        obj.rotation_euler[:2] = 0.0, 0.0
-        obj.location = place
 
 
 WINDOW_HANDLERS = (

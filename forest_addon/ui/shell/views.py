@@ -124,19 +124,18 @@ def select(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 def show(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object visible. Of collections only those that hide it are shown: others stay excluded."""
     layer = context.view_layer
-    way = min(  # that with the fewest switches which hide the contents of its last collection
-        _ways(layer.layer_collection, obj),
-        key=lambda way: (
-            way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
-        ),
-        default=(),
-    )
+    way = min(_ways(layer.layer_collection, obj), key=_hidden, default=())
     for home in way:
         for hides in (home, home.collection):
             if hides.hide_viewport:
                 hides.hide_viewport = False
     if way and way[-1].exclude:
-        _include(way[-1])
+        home = way[-1]
+        within = list(_below(home))
+        excluded = [child.exclude for child in within]
+        home.exclude = False
+        for child, was in zip(within, excluded, strict=True):
+            child.exclude = was
     obj.hide_viewport = False
     if obj.name in layer.objects:
         obj.hide_set(False)
@@ -160,13 +159,9 @@ def _ways(home: bpy.types.LayerCollection, obj: bpy.types.Object) -> Iterator[Wa
             yield (home, *way)
 
 
-def _include(home: bpy.types.LayerCollection) -> None:
-    """Include a collection in its view layer, and none of those within, which Blender includes with it."""
-    within = list(_below(home))
-    excluded = [child.exclude for child in within]
-    home.exclude = False
-    for child, was in zip(within, excluded, strict=True):
-        child.exclude = was
+def _hidden(way: Way) -> int:
+    """Number of switches along a way that hide the contents of the last collection."""
+    return way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
 
 
 def _below(home: bpy.types.LayerCollection) -> Iterator[bpy.types.LayerCollection]:
