@@ -56,11 +56,14 @@ def backscatter(ka: ArrayLike, incidence: ArrayLike, model: str = "exact") -> np
 
 def backscatter_amplitude(ka: ArrayLike, incidence: ArrayLike, model: str = "exact") -> np.ndarray:
     """The complex k·f of ``backscatter`` under e^{+iωt}; same arguments."""
-    size, angle = np.asarray(ka, dtype=np.float64), _acute(incidence)
+    size = np.asarray(ka, dtype=np.float64)
+    turned = np.mod(np.asarray(incidence, dtype=np.float64), math.pi)
+    angle = np.asarray(np.minimum(turned, math.pi - turned))  # to either face, on either side
     if model == "exact":
         return _exact(size, angle)
     if model == "piston":
-        return 1j * _piston(size, angle)
+        # of physical optics, negative in every other side lobe
+        return 1j * (0.5 * size**2 * np.cos(angle) * jinc(2.0 * size * np.sin(angle)))
     if model == "paper":
         return _paper(size, angle)
     raise _unknown(model, MODELS)
@@ -166,12 +169,6 @@ def amplitude_bound(
     return bound
 
 
-def _acute(incidence: ArrayLike) -> np.ndarray:
-    """Angles folded to 0 … π/2: either face, either side of the normal."""
-    turned = np.mod(np.asarray(incidence, dtype=np.float64), math.pi)
-    return np.asarray(np.minimum(turned, math.pi - turned))
-
-
 def jinc(x: ArrayLike) -> np.ndarray:
     """2·J₁(x)/x, 1 at x = 0."""
     size = np.maximum(np.abs(np.asarray(x, dtype=np.float64)), 1e-9)  # 1 to rounding, and not 0/0
@@ -198,11 +195,6 @@ def _large(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
         -0.5 * ka * np.cos(angle) ** 2
     )  # at grazing what crosses the face cancels it
     return value
-
-
-def _piston(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """k·f/i of physical optics; negative in every other side lobe."""
-    return 0.5 * ka**2 * np.cos(angle) * jinc(2.0 * ka * np.sin(angle))
 
 
 def _piston_bound(

@@ -68,16 +68,6 @@ def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     return table | {name: _numbers(table[name]) for name in numbers}
 
 
-def leaves_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
-    """A row a leaf."""
-    return _both(forest, placed, leaf_table, placed_leaves)
-
-
-def cylinders_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
-    """A row a segment of a branch."""
-    return _both(forest, placed, cylinder_table, placed_cylinders)
-
-
 def skeleton_in_world(forest: GrownForest | None, placed: PlacedTrees, tree: int) -> Table:
     """The segments of one tree in the world.
 
@@ -367,7 +357,7 @@ class World:
         ------
         SpecError : as ``trees``.
         """
-        return leaves_in_world(*self._standing())
+        return _both(*self._standing(), leaf_table, placed_leaves)
 
     @property
     def cylinders(self) -> dict[str, np.ndarray]:
@@ -378,7 +368,7 @@ class World:
         ------
         SpecError : as ``trees``.
         """
-        return cylinders_in_world(*self._standing())
+        return _both(*self._standing(), cylinder_table, placed_cylinders)
 
     def canopy(self, points: np.ndarray) -> Canopy:
         """Readings of hemispherical pictures at points (N, 3): gap fraction by zenith angle, the share

@@ -139,9 +139,10 @@ def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]
     change = pyproj.Transformer.from_crs(known, _known(target), always_xy=True)
     area = _known(target).area_of_use
     if known.is_geographic and area is not None and len(place):
-        wide = (area.east - area.west) % 360.0 or 360.0
-        beside = (east - area.west + AWAY) % 360.0 > wide + 2 * AWAY
-        if beside or not area.south - AWAY < north < area.north + AWAY:
+        wide = ((area.east - area.west) % 360.0 or 360.0) + 2 * AWAY
+        if (
+            east - area.west + AWAY
+        ) % 360.0 > wide or not area.south - AWAY < north < area.north + AWAY:
             raise SpecError(
                 "crs",
                 f"coordinates of {east:.3g} degrees east and {north:.3g} north are far from where {target} "

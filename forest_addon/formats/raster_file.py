@@ -291,9 +291,10 @@ def _refuse_degrees(path: Path, crs: str, transform: np.ndarray, known: bool = F
     """
     step, (east, north) = np.abs(transform[:, :2]).max(), transform[:, 2]
     if known or (not crs and step < DEGREES and abs(east) <= 180 and abs(north) <= 90):
-        near, file = metric_near(east, north), path.name
         raise SpecError(
-            str(path), f"lies in degrees; project it, as by gdalwarp -t_srs {near} {file} OUT.tif"
+            str(path),
+            f"lies in degrees; project it, as by gdalwarp -t_srs {metric_near(east, north)} {path.name} "
+            "OUT.tif",
         )
 
 
@@ -376,9 +377,7 @@ def _read_points(path: Path) -> np.ndarray:
     text = text.replace(",", ".") if ";" in text else text.replace(",", " ")
     lines = text.replace(";", " ").splitlines()
     first = next((k for k, line in enumerate(lines) if line[:1] in "-.0123456789 \t"), 0)
-    head = re.findall(r"[^\s\"#/]+", lines[first - 1]) if first else []
-    if not head:
-        return np.loadtxt(lines[first:], usecols=(0, 1, 2), ndmin=2)
+    head = re.findall(r"[^\s\"#/]+", lines[first - 1]) if first else ["x", "y", "z"]
     both = next(filter(all, pairs_of(path, head)), [])
     up = column_of(path, head, {}, "height", HEIGHTS)
     if not both or up is None:
@@ -387,8 +386,8 @@ def _read_points(path: Path) -> np.ndarray:
         )
     at, units, _ = zip(*filter(None, both), up, strict=True)
     points = np.loadtxt(lines[first:], usecols=at, ndmin=2) * units
-    named = re.search("lon|lng", head[at[0]].lower()) is not None
-    _refuse_degrees(path, "", np.column_stack([np.eye(2), points[0, :2]]), named)
+    if re.search("lon|lng", head[at[0]].lower()):
+        _refuse_degrees(path, "", np.column_stack([np.eye(2), points[0, :2]]), True)
     return points
 
 

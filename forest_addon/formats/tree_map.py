@@ -467,11 +467,10 @@ def _text(path: Path) -> _Sheet:
         text = data.decode("cp1252")
         said = [f"{path.name}: is not UTF-8; read as Windows' cp1252"]
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith(NOTES)]
-    bare = {line: re.sub(r'"[^"]*"', "", line) for line in lines[:TITLES]}
-    most = {line: max(";\t|,", key=told.count) for line, told in bare.items()}
-    split = {line: by if by in bare[line] else " " for line, by in most.items()}
-    separator = next((by for line, by in split.items() if _is_head(path, line.split(by))), "")
-    separator = separator or next(iter(split.values()), " ")
+    bare = {line: re.sub(r'"[^"]*"| ', "", line) for line in lines[:TITLES]}
+    split = {line: max(" ;\t|,", key=told.count) for line, told in bare.items()}
+    heads = (by for line, by in split.items() if _is_head(path, line.split(by)))
+    separator = next(chain(heads, split.values()), " ")
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
     )
@@ -481,13 +480,12 @@ def _text(path: Path) -> _Sheet:
             rows.append((line, cells))
         line = reader.line_num + 1
     sheet = _checked(path, rows, separator == " " or text.splitlines()[-1:][0][:1] == '"')
-    told = {cell.strip() for _, cells in sheet.rows for cell in cells}
     sure = {
         mark
         for mark in ".,"
-        if any(
-            DECIMAL[mark].fullmatch(cell) and not THOUSANDS[mark].fullmatch(cell) for cell in told
-        )
+        for _, cells in sheet.rows
+        for cell in map(str.strip, cells)
+        if DECIMAL[mark].fullmatch(cell) and not THOUSANDS[mark].fullmatch(cell)
     }
     sheet.thousands = "," * ("." in sure or separator == ",") + "." * ("," in sure)
     sheet.said += said
@@ -496,10 +494,8 @@ def _text(path: Path) -> _Sheet:
 
 def _is_head(path: Path, cells: Sequence[str]) -> bool:
     """Return whether cells are names of columns that tell where trees stand."""
-    try:
-        return bool(_columns(path, [unquoted(cell.strip()) for cell in cells]))
-    except (SpecError, IndexError):
-        return False
+    way = (column_of(path, cells, {}, key, COLUMNS[key].split()) for key in ("distance", "azimuth"))
+    return any(map(all, pairs_of(path, cells))) or all(way)
 
 
 def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False) -> _Sheet:
@@ -515,8 +511,8 @@ def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False)
     if not rows:
         raise SpecError(str(path), "is empty; it needs a header with x and y, and a row a tree")
     titles = next((n for n, (_, cells) in enumerate(rows[:TITLES]) if _is_head(path, cells)), 0)
-    said = [f"{path.name}: row {rows[titles][0]} is its header"] * (titles > 0)
-    head, rows = rows[titles][1], rows[titles + 1 :]
+    (line, head), rows = rows[titles], rows[titles + 1 :]
+    said = [f"{path.name}: row {line} is its header"] * (titles > 0)
     if rows and {*rows[0][1]} <= {"", *LENGTHS, *ANGLES, *AREAS} and len(rows[0][1]) == len(head):
         head = [
             f"{name} [{unit}]" if unit else name

@@ -211,19 +211,20 @@ def stretched(skeleton: Skeleton, sites: LeafSites, wanted: Wanted) -> tuple[Ske
         if base <= 1e-6 or base >= top - 1e-6:
             knots, goals = knots[[0, 2]], goals[[0, 2]]
 
+        slope = (goals[-1] - goals[-2]) / (knots[-1] - knots[-2])  # goes on beyond the last
         start, end, foot = (
-            _drawn_aside(points, knots, goals, across)
-            for points in (skeleton.start, skeleton.end, sites.foot)
+            np.column_stack(
+                [
+                    p[:, :2] * across,
+                    np.interp(p[:, 2], knots, goals)
+                    + slope * np.maximum(p[:, 2] - knots[-1], 0)
+                    + np.minimum(p[:, 2], 0.0),
+                ]
+            )
+            for p in (skeleton.start, skeleton.end, sites.foot)
         )
         skeleton, sites = replace(skeleton, start=start, end=end), replace(sites, foot=foot)
     return skeleton, sites
-
-
-def _drawn_aside(p: np.ndarray, knots: np.ndarray, goals: np.ndarray, across: float) -> np.ndarray:
-    """Points (N, 3) with heights taken from knots to goals, going on beyond the last, and drawn aside."""
-    slope = (goals[-1] - goals[-2]) / (knots[-1] - knots[-2])
-    z = np.interp(p[:, 2], knots, goals) + slope * np.maximum(p[:, 2] - knots[-1], 0)
-    return np.column_stack([p[:, :2] * across, z + np.minimum(p[:, 2], 0.0)])
 
 
 def _with_area(sites: LeafSites, blade: Blade, area: float) -> LeafSites:
