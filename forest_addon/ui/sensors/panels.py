@@ -344,8 +344,7 @@ def draw_instruments(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
         if kind in file.tables:
             choose = menu.layout.operator("forest.choose_instrument", text=short(file.title))
             choose.scanner = name
-    none = menu.layout.operator("forest.choose_instrument", text=label(OWN))
-    none.scanner = ""
+    menu.layout.operator("forest.choose_instrument", text=label(OWN)).scanner = ""
 
 
 INSTRUMENTS = menu("Instruments")(draw_instruments, "instruments")
