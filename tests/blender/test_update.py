@@ -555,8 +555,6 @@ def test_an_instancer_that_lost_something_works_again(empty_blender, loss):
 def test_a_mesh_of_the_users_stays_on_our_object(empty_blender, how):
     plant(how)
     variant, ground, mine = first(VARIANTS), first(GROUND_NAME), mesh()
-    for number, obj in enumerate(ours(VARIANTS).values()):
-        obj.data.name = f"mine {number}"
     variant.data = mine
     ground.data = ground.data.copy()
     ground.data.vertices[0].co.z = 3
@@ -578,6 +576,18 @@ def test_a_mesh_of_the_users_stays_on_our_object(empty_blender, how):
         plant(how, seed=2)
         assert again.users > 1  # the trees of this variant follow
         assert mine.users == 0
+
+
+def test_trees_follow_their_variants_whatever_the_meshes_are_called(empty_blender):
+    plant()
+    for number, obj in enumerate(ours(VARIANTS).values()):
+        obj.data.name = f"mine {number}"
+    for seed in (2, 3, 1):
+        forest = plant(seed=seed)
+        shown = {name.split(" ", 1)[1]: obj.data for name, obj in ours(VARIANTS).items()}
+        for tree in ours(TREES).values():
+            number = forest.stand.variant[tree[TREE_KEY]]
+            assert tree.data == shown[f"apple-stochastic.{number:03d}"]
 
 
 def test_a_mesh_that_did_not_change_keeps_what_was_done_to_it(empty_blender):

@@ -144,7 +144,7 @@ SMALLER = (
     (r"\bangle_step_deg=0\.2\b", "angle_step_deg=0.3"),
     (r"\bangle_step_deg=(0\.5|1\.0)", "angle_step_deg=2.0"),
     (r"(position=\(14\.5, 14\.5, 1\.6\))", r"\1, angle_step_deg=2.0"),
-    (r"\barange\(-40, 41, 5\.0\)", "arange(-40, 41, 20.0)"),
+    (r"\barange\(-40, 41, 5\.0\)", "arange(-40, 41, 40.0)"),
     (r"(dataset (tiny|hazels\.toml)) ", r"\1 --workers 1 "),
     (
         r"dataset tiny ",
@@ -167,6 +167,7 @@ SMALLER = (
     (r"\bside in range\(4\)", "side in range(1)"),
     (r"^bake\(", "bpy.context.scene.frame_end = 3\nbake("),
     (r"\bfly flight-poisson\b", "fly assets/scenes/flight-poisson.toml"),
+    (r"max_range=6\.0, cull=0\.1\b", "max_range=4.0, cull=0.1"),
     (r"\barange\(40\)", "arange(12)"),
     (r"\[(:?)20(:?)\]", r"[\g<1>6\2]"),
     (r"\bduration=1\.0\b", "duration=0.3"),
