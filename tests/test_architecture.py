@@ -94,7 +94,7 @@ PACKAGES = {
 # studies/validation: real pulses, the same trees by several instruments.
 BUDGETS = {
     "forest_addon": (466, 3),
-    "forest_addon/acoustics": (1092, 14),
+    "forest_addon/acoustics": (1091, 14),
     "forest_addon/api": (883, 6),
     "forest_addon/base": (344, 12),
     "forest_addon/blender": (5224, 39),
