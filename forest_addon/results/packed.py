@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-import operator
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -36,7 +35,7 @@ Name = Callable[[type], str]
 def write_values(
     stream: IO[bytes],
     values: Sequence[Any],
-    name_of: Name = operator.attrgetter("__name__"),
+    name_of: Name = lambda kind: kind.__name__,
     left_out: Collection[str] = (),
     most: float = np.inf,
 ) -> bool:

@@ -232,7 +232,7 @@ def _notes_of_settings(reverb: Reverb, response: ImpulseResponse) -> list[str]:
 
 def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset) -> list[Path]:
     path = folder / f"{reverb.name}.wav"
-    write_wav(path, channels_of(response), response.sample_rate)
+    _write_sound(path, response)
     arrays = folder / f"{reverb.name}.npz"
     write_response(arrays, response)
     return [path, arrays]
@@ -261,9 +261,13 @@ def _save(
         samples = np.atleast_2d(channels_of(response).T)
         write_csv(path, sound_columns(samples, response.sample_rate))
     elif path.suffix.lower() == ".wav":
-        write_wav(path, channels_of(response), response.sample_rate)
+        _write_sound(path, response)
     else:
         write_response(path, response)
+
+
+def _write_sound(path: Path, response: ImpulseResponse) -> None:
+    write_wav(path, channels_of(response), response.sample_rate)
 
 
 def write_response(path: Path, found: ImpulseResponse) -> None:
@@ -364,7 +368,7 @@ REVERB = ResultKind(
     endings=(".wav", ".npz", ".csv", ".sofa"),
     save=_save,
     plot=_plot,
-    sound=lambda _, response: (channels_of(response), response.sample_rate),
+    sound=lambda _reverb, response: (channels_of(response), response.sample_rate),
     is_response=True,
     wet=wet_sound_of,
 )

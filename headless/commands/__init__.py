@@ -583,7 +583,9 @@ with the same command and --resume, to the same bytes.""",
         is_folder=False,
         default=_out_of_lidar,
         least={"seed": 0, "chunk": 1},
-        lock=lambda of: None if of.list else of.out.with_name(f".{of.out.stem}.lock"),
+        lock=lambda chosen: (
+            None if chosen.list else chosen.out.with_name(f".{chosen.out.stem}.lock")
+        ),
         kept=_kept_of_lidar,
         options={
             "blend": {

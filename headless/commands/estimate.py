@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -260,8 +261,18 @@ def _grown(
     estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
     planting, inputs = _planting(kind, estimate, file)
     process = process_of(planting, mapped.field, inputs)
-    drawn = law_of(estimate, lambda k: sample(process, stream(0, "goodness", mapped.name, k)))
-    fitness = examine(points, frame, drawn)
+    fitness = examine(
+        points,
+        frame,
+        law_of(
+            estimate,
+            partial(
+                lambda process, name, number: sample(process, stream(0, "goodness", name, number)),
+                process,
+                mapped.name,
+            ),
+        ),
+    )
     others: list[ChosenLaw] = []
     if isinstance(estimate, FittedMixture):
         by_chance = ChosenLaw("poisson", estimate, planting, fitness)

@@ -12,10 +12,12 @@ from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import DEAD, LEAF, WOOD
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library import FOLDER, find_species, load_species, read_allometry
-from forest_addon.growth.measured.allometry import TARGETS, Wanted, band, scores
+from forest_addon.growth.measured.allometry import TARGETS, Wanted, band, draw, scores
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import grow
 from forest_addon.growth.truth import segment_table, volume_of
+from forest_addon.sensing.audit import held
+from forest_addon.sensing.trees_audit import part_of_tubes
 from forest_addon.site import ForestSite
 from forest_addon.spec import (
     Forest,
@@ -244,9 +246,6 @@ def test_what_could_not_be_is_counted():
 
 def test_the_band_is_that_of_nine_of_ten():
     """Trees drawn by the law itself: 4,000 binomial trials."""
-    from forest_addon.base.rng import stream
-    from forest_addon.growth.measured.allometry import draw
-
     rng = stream(3, "band")
     dbh = np.exp(rng.uniform(np.log(0.05), np.log(0.3), 4000))
     drawn = draw(LAW, dbh, np.full((4000, 4), np.nan), rng.random((4000, 4)))
@@ -491,9 +490,6 @@ def test_ground_with_undergrowth_is_rough_unless_said():
 
 
 def test_trees_of_dead_wood_alone_are_audited_as_others():
-    from forest_addon.sensing.audit import held
-    from forest_addon.sensing.trees_audit import part_of_tubes
-
     (tree, *_) = ForestSite.read(scene_of("none", "stump")).grow().variants.values()
     rng = np.random.default_rng(0)
     assert held([part_of_tubes([(tree, 0.002)], rng)], rng, 0.01).kept

@@ -150,7 +150,9 @@ def outline(sensor: Any) -> np.ndarray:
         Tractor: fan_outline,
         Terrestrial: sweep_outline,
         Airborne: strips_outline,
-        Mobile: lambda mobile: chain(np.reshape([pose.position for pose in mobile.poses], (-1, 3))),
+        Mobile: lambda scanner: chain(
+            np.array([pose.position for pose in scanner.poses]).reshape(-1, 3)
+        ),
     }
     return drawn[type(sensor)](sensor)
 
