@@ -114,7 +114,10 @@ def colonise(
     apart = (volume / max(len(points), 1)) ** (1 / 3)
     step, kill = STEP * apart, KILL * apart
     if scaffold is None:
-        stem = _trunk(crown, height, base, step, rng)
+        top = base + max(crown.leader, 0.02) * 0.97 * (height - base)
+        below = np.linspace(0.0, base, max(2, int(np.ceil(base / max(step, 0.25))) + 1))
+        above = np.linspace(base, top, max(2, int(np.ceil((top - base) / step)) + 1))[1:]
+        stem = stem_line(crown, np.concatenate([below, above]), height, rng)
         along = np.arange(-1, len(stem) - 1)
         # Below the crown the stem bears nothing: its nodes attract no points.
         bearing = stem[:, 2] >= base - 1e-9
@@ -189,16 +192,6 @@ def _points(
     return np.column_stack(
         [radius * np.cos(azimuth), radius * np.sin(azimuth), base + share * (height - base)]
     )
-
-
-def _trunk(
-    crown: Crown, height: float, base: float, step: float, rng: np.random.Generator
-) -> np.ndarray:
-    """(T, 3) the first stem, from the ground to where it divides."""
-    top = base + max(crown.leader, 0.02) * 0.97 * (height - base)
-    below = np.linspace(0.0, base, max(2, int(np.ceil(base / max(step, 0.25))) + 1))
-    above = np.linspace(base, top, max(2, int(np.ceil((top - base) / step)) + 1))[1:]
-    return stem_line(crown, np.concatenate([below, above]), height, rng)
 
 
 def stem_line(
