@@ -18,6 +18,7 @@ from numpy.polynomial import chebyshev
 from scipy import fft, sparse, special
 
 from .. import kernels
+from .chebyshev import lagrange, points
 from .spectrum import phasors
 
 NARROWEST = 3  # points of the kernel
@@ -47,11 +48,23 @@ class DelayGrid:
     ``spectrum`` gives Σ_r p_rk·Σ_i s_in·w_ir e^{-i2πk·u_i} for R columns of weights, in N sums.
     """
 
-    def __init__(self, count: int, columns: int, width: int, sums: int = 1) -> None:
+    def __init__(
+        self,
+        count: int,
+        columns: int,
+        width: int,
+        sums: int = 1,
+        lost: np.ndarray | None = None,
+        since: float = 0.0,
+    ) -> None:
+        """lost : (R,) nepers that each column loses a turn, from the delay ``since`` (turns) on; None: 0."""
         self._kernel, self._columns = kernel(width), columns
-        self._count = count
+        self._count, self._lost, self._since = count, lost, since
+        self._lead = (
+            0 if lost is None else width
+        )  # points before 0, where what is lost is no period's
         self._size = fft.next_fast_len(max(OVERSAMPLING * count, 2 * width))
-        self._grid = grid_of(sums, self._size + width, columns)
+        self._grid = grid_of(sums, self._size + width + self._lead, columns)
 
     def add(
         self, turns: np.ndarray, cycles: np.ndarray, weight: np.ndarray, several: np.ndarray
@@ -59,19 +72,24 @@ class DelayGrid:
         """Add weights (R, M) complex at delays ``turns`` (M,), 1 the period of the bins, each turned back by
         its cycles (M,); several : (M, N) real, of each in the sums. Returns (M,) the largest sizes of the
         weights of each."""
-        place = (turns - np.floor(turns)) * self._size  # 0 … size, both included
+        place = (turns - np.floor(turns)) * self._size + self._lead
         return lay(self._kernel, place, cycles, weight, several, self._grid)
 
     def spectrum(self, shares: np.ndarray, number: int = 0) -> np.ndarray:
         """(count,) complex, of a sum: its columns times their shares p (R, count), added up."""
-        whole = self._grid[number, :, : self._columns]
-        grid = np.ascontiguousarray(whole[: self._size].T)
-        grid[:, : len(whole) - self._size] += whole[self._size :].T
+        whole, size, lead = self._grid[number, :, : self._columns].T, self._size, self._lead
+        if self._lost is not None:
+            turns = (np.arange(whole.shape[1]) - lead) / size - self._since
+            whole = whole * np.exp(np.minimum(-np.outer(self._lost, turns), MOST_GAINED))
+            shares = shares / self._kernel.decay(self._count, size, self._lost / size)
+        grid = np.ascontiguousarray(whole[:, lead : lead + size])
+        grid[:, : whole.shape[1] - lead - size] += whole[:, lead + size :]
+        grid[:, size - lead :] += whole[:, :lead]
         transformed = fft.fft(grid, axis=1, overwrite_x=True)
         below = self._count // 2
-        halves = transformed[:, self._size - below :], transformed[:, : self._count - below]
+        halves = transformed[:, size - below :], transformed[:, : self._count - below]
         added = np.einsum("rk,rk->k", np.concatenate(halves, axis=1), shares)
-        return np.asarray(added / self._kernel.over_bins(self._count, self._size))
+        return np.asarray(added / self._kernel.over_bins(self._count, size))
 
 
 def grid_of(sums: int, points: int, columns: int) -> np.ndarray:
@@ -92,16 +110,18 @@ def lay(
     place : (M,) grid points, 0 … S. cycles : (M,) that each is turned back. heights : (R, M) complex, R at
     most C. weights : (M, N) real, of each in the grids.
     """
-    size, echoes = grid.shape[1] - chosen.width, (len(place), place, cycles, len(heights))
+    size, taps = grid.shape[1] - chosen.width, chosen.polynomial
     library = kernels.library()
     if library is not None:
-        largest, heights = np.empty(len(place)), np.ascontiguousarray(heights, np.complex128)
-        width, powers = chosen.polynomial.shape[::-1]
+        largest, heights = np.empty(len(place)), np.asarray(heights, np.complex128)
+        if not heights.flags.f_contiguous:
+            heights = np.ascontiguousarray(heights)
+        steps = [step // heights.itemsize for step in heights.strides]
+        by_row = heights if heights.flags.c_contiguous else heights.T
+        echoes = len(place), place, cycles, len(heights), by_row, *steps
         weights = np.ascontiguousarray(weights, np.float64)
-        library.lay_echoes(
-            *(*echoes, heights, len(grid), weights, width, powers, chosen.polynomial, size, grid),
-            largest,
-        )
+        points = chosen.width, len(taps), taps, size
+        library.lay_echoes(*echoes, len(grid), weights, *points, grid, largest)
         return largest
     first, taps = chosen.spread(place)
     points = np.where(first < 0, first + size, first)[:, None] + np.arange(chosen.width)
@@ -114,6 +134,8 @@ def lay(
 
 
 OVERSAMPLING = 2
+MOST_GAINED = 700.0  # nepers, of points before ``since``
+NODES = 24  # in frequency, of what decay adds to a kernel's transform
 SHAPE = 2.32  # β/width: the least aliasing at this oversampling
 
 
@@ -158,6 +180,17 @@ class Kernel:
     def over_bins(self, count: int, size: int) -> np.ndarray:
         """(count,) transform at the bins -(count // 2) … of a grid of ``size`` points."""
         return self.transform((np.arange(count) - count // 2) / size)
+
+    def decay(self, count: int, size: int, lost: np.ndarray) -> np.ndarray:
+        """(R, count) its transform over the bins for waves that lose nepers (R,) a grid point, over that for
+        waves that lose none."""
+        nodes = points(NODES)
+        frequency = 0.5 / OVERSAMPLING * nodes
+        ratio = self.transform(frequency - 0.5j / math.pi * lost[:, None]) / self.transform(
+            frequency
+        )
+        bins = (np.arange(count) - count // 2) / size
+        return ratio @ lagrange(NODES, bins * (2.0 * OVERSAMPLING))
 
     def transform(self, frequency: np.ndarray) -> np.ndarray:
         """Fourier transform at frequencies in cycles a grid point; complex ones are of decaying waves."""
