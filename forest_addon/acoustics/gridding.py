@@ -18,7 +18,6 @@ from numpy.polynomial import chebyshev
 from scipy import fft, sparse, special
 
 from .. import kernels
-from .chebyshev import lagrange, points
 from .spectrum import phasors
 
 NARROWEST = 3  # points of the kernel
@@ -48,23 +47,11 @@ class DelayGrid:
     ``spectrum`` gives Σ_r p_rk·Σ_i s_in·w_ir e^{-i2πk·u_i} for R columns of weights, in N sums.
     """
 
-    def __init__(
-        self,
-        count: int,
-        columns: int,
-        width: int,
-        sums: int = 1,
-        lost: np.ndarray | None = None,
-        since: float = 0.0,
-    ) -> None:
-        """lost : (R,) nepers that each column loses a turn, from the delay ``since`` (turns) on; None: 0."""
+    def __init__(self, count: int, columns: int, width: int, sums: int = 1) -> None:
         self._kernel, self._columns = kernel(width), columns
-        self._count, self._lost, self._since = count, lost, since
-        self._lead = (
-            0 if lost is None else width
-        )  # points before 0, where what is lost is no period's
+        self._count = count
         self._size = fft.next_fast_len(max(OVERSAMPLING * count, 2 * width))
-        self._grid = grid_of(sums, self._size + width + self._lead, columns)
+        self._grid = grid_of(sums, self._size + width, columns)
 
     def add(
         self, turns: np.ndarray, cycles: np.ndarray, weight: np.ndarray, several: np.ndarray
@@ -72,24 +59,19 @@ class DelayGrid:
         """Add weights (R, M) complex at delays ``turns`` (M,), 1 the period of the bins, each turned back by
         its cycles (M,); several : (M, N) real, of each in the sums. Returns (M,) the largest sizes of the
         weights of each."""
-        place = (turns - np.floor(turns)) * self._size + self._lead
+        place = (turns - np.floor(turns)) * self._size  # 0 … size, both included
         return lay(self._kernel, place, cycles, weight, several, self._grid)
 
     def spectrum(self, shares: np.ndarray, number: int = 0) -> np.ndarray:
         """(count,) complex, of a sum: its columns times their shares p (R, count), added up."""
-        whole, size, lead = self._grid[number, :, : self._columns].T, self._size, self._lead
-        if self._lost is not None:
-            turns = (np.arange(whole.shape[1]) - lead) / size - self._since
-            whole = whole * np.exp(np.minimum(-np.outer(self._lost, turns), MOST_GAINED))
-            shares = shares / self._kernel.decay(self._count, size, self._lost / size)
-        grid = np.ascontiguousarray(whole[:, lead : lead + size])
-        grid[:, : whole.shape[1] - lead - size] += whole[:, lead + size :]
-        grid[:, size - lead :] += whole[:, :lead]
+        whole = self._grid[number, :, : self._columns]
+        grid = np.ascontiguousarray(whole[: self._size].T)
+        grid[:, : len(whole) - self._size] += whole[self._size :].T
         transformed = fft.fft(grid, axis=1, overwrite_x=True)
         below = self._count // 2
-        halves = transformed[:, size - below :], transformed[:, : self._count - below]
+        halves = transformed[:, self._size - below :], transformed[:, : self._count - below]
         added = np.einsum("rk,rk->k", np.concatenate(halves, axis=1), shares)
-        return np.asarray(added / self._kernel.over_bins(self._count, size))
+        return np.asarray(added / self._kernel.over_bins(self._count, self._size))
 
 
 def grid_of(sums: int, points: int, columns: int) -> np.ndarray:
@@ -110,7 +92,7 @@ def lay(
     place : (M,) grid points, 0 … S. cycles : (M,) that each is turned back. heights : (R, M) complex, R at
     most C. weights : (M, N) real, of each in the grids.
     """
-    size, taps = grid.shape[1] - chosen.width, chosen.polynomial
+    size = grid.shape[1] - chosen.width
     library = kernels.library()
     if library is not None:
         largest, heights = np.empty(len(place)), np.asarray(heights, np.complex128)
@@ -120,7 +102,7 @@ def lay(
         by_row = heights if heights.flags.c_contiguous else heights.T
         echoes = len(place), place, cycles, len(heights), by_row, *steps
         weights = np.ascontiguousarray(weights, np.float64)
-        points = chosen.width, len(taps), taps, size
+        points = chosen.width, len(chosen.polynomial), chosen.polynomial, size
         library.lay_echoes(*echoes, len(grid), weights, *points, grid, largest)
         return largest
     first, taps = chosen.spread(place)
@@ -134,8 +116,6 @@ def lay(
 
 
 OVERSAMPLING = 2
-MOST_GAINED = 700.0  # nepers, of points before ``since``
-NODES = 24  # in frequency, of what decay adds to a kernel's transform
 SHAPE = 2.32  # β/width: the least aliasing at this oversampling
 
 
@@ -180,17 +160,6 @@ class Kernel:
     def over_bins(self, count: int, size: int) -> np.ndarray:
         """(count,) transform at the bins -(count // 2) … of a grid of ``size`` points."""
         return self.transform((np.arange(count) - count // 2) / size)
-
-    def decay(self, count: int, size: int, lost: np.ndarray) -> np.ndarray:
-        """(R, count) its transform over the bins for waves that lose nepers (R,) a grid point, over that for
-        waves that lose none."""
-        nodes = points(NODES)
-        frequency = 0.5 / OVERSAMPLING * nodes
-        ratio = self.transform(frequency - 0.5j / math.pi * lost[:, None]) / self.transform(
-            frequency
-        )
-        bins = (np.arange(count) - count // 2) / size
-        return ratio @ lagrange(NODES, bins * (2.0 * OVERSAMPLING))
 
     def transform(self, frequency: np.ndarray) -> np.ndarray:
         """Fourier transform at frequencies in cycles a grid point; complex ones are of decaying waves."""

@@ -325,10 +325,7 @@ MOST_SINGLE, MOST = 400, 20_000  # trunks that are summed one by one; among so m
 UNHEARD, MOST_UNHEARD = 1e-2, 1e-6  # of the tolerance, of the sound: 40 dB are left for the ground
 OCTAVES = 20.0 * 2.0 ** np.arange(0, 13, 0.5)  # Hz at which all sound is known
 
-ALIKE, TINY = (
-    0.02,
-    1e-6,
-)  # by the logarithm, of lengths and radii of a class; m, the least of either
+ALIKE = 0.02  # by the logarithm, of lengths and radii of a class
 
 Loss = Callable[[np.ndarray], np.ndarray]  # nepers of amplitude per metre at frequencies (F,)
 
@@ -342,9 +339,8 @@ def energies(paths: TrunkPaths, frequency: np.ndarray, loss: Loss, speed: float)
 
 def _classes(paths: TrunkPaths) -> TrunkPaths:
     """Paths in place of all of about the same length and radius, with the energy of these."""
-    number = np.floor(np.log(np.maximum([paths.length, paths.radius], TINY)) / ALIKE).astype(
-        np.int64
-    )
+    sides = np.maximum([paths.length, paths.radius], 1e-6)
+    number = np.floor(np.log(sides) / ALIKE).astype(np.int64)
     low = number.min(axis=1, keepdims=True)
     along, across = number - low
     count = int(across.max()) + 1

@@ -238,13 +238,13 @@ class _Panel:
         k, loss = self._wavenumber(self.nodes), self._loss(self.nodes)
         level = self._wavenumber(self.frequency) ** 1.5
         level *= np.exp(-self.typical * self._loss(self.frequency))
-        period = group.speed / group.spacing  # m
-        grid = DelayGrid(count, len(k), group.kernel, 1, loss * period, self.typical / period)
+        grid = DelayGrid(count, len(k), group.kernel)
         checked = []
-        for rows, heights in self.boxes.heights(k, self.shift, loss):
+        for rows, heights in self.boxes.heights(k, self.shift):
             probed = np.flatnonzero(group.probed[rows])
             checked.append((rows[probed], heights[probed]))
             paths = group.paths.select(rows)
+            heights *= np.exp(-np.outer(paths.length - self.typical, loss))
             if group.gain is not None:
                 heights *= group.gain.at(self.nodes, paths.length)
             weight = paths.weight * paths.radius**2
@@ -273,9 +273,7 @@ class _Panel:
             summed = heights @ chebyshev.lagrange(len(self.nodes), 2.0 * share - 1.0)[:, 0]
         z = k * some.radius
         exact = np.conj(np.exp(0.25j * math.pi) * scattering_sum(z, some.angle, self.group.bark))
-        exact *= math.sqrt(2.0 / math.pi) / z**2
-        lost = float(self._loss(np.array([frequency]))[0])
-        exact *= np.exp(-(1j * k + lost) * some.radius * self.shift(some.angle))
+        exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * self.shift(some.angle))
         size = some.weight * some.radius**2
         error = np.linalg.norm(size * (summed - exact)) / np.linalg.norm(size * exact)
         self.checks.append((frequency, float(error)))
@@ -325,16 +323,11 @@ class Boxes:
         low, high = wavenumber[0] * radius.min(), wavenumber[1] * radius.max()
         self.table = FieldTable(float(low), float(high), self.angles, bark)
 
-    def heights(
-        self, k: np.ndarray, shift: Shift, loss: np.ndarray
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Rows (m,) of some trunks and their H·k^{-3/2}/a² (m, Q) at wavenumbers (Q,), until all were.
-
-        loss : (Q,) nepers per metre, of what the shift takes off the paths.
-        """
+    def heights(self, k: np.ndarray, shift: Shift) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Rows (m,) of some trunks and their H·k^{-3/2}/a² (m, Q) at wavenumbers (Q,), until all were."""
         sectors, bins = self.sectors, self.bins
         for rows in _some_of(self.alone):
-            yield rows, self._each_alone(rows, k, shift, loss)
+            yield rows, self._each_alone(rows, k, shift)
         of = np.searchsorted(self.filled, sectors.of)
         of[self.alone] = len(self.filled)
         key = of * bins.count + bins.of
@@ -344,7 +337,7 @@ class Boxes:
         for first in range(0, len(self.filled), several):
             last = min(first + several, len(self.filled))
             columns = slice(first * sectors.nodes, last * sectors.nodes)
-            series = self._series(k, shift, loss, columns)
+            series = self._series(k, shift, columns)
             ends = np.searchsorted(key, np.array([first, last]) * bins.count, sorter=order)
             for rows in _some_of(order[slice(*ends)]):
                 across = bins.polynomials(rows)
@@ -359,14 +352,13 @@ class Boxes:
                     np.matmul(basis[start:end], series[box[start]], out=out)
                 yield rows, heights
 
-    def _series(self, k: np.ndarray, shift: Shift, loss: np.ndarray, columns: slice) -> np.ndarray:
+    def _series(self, k: np.ndarray, shift: Shift, columns: slice) -> np.ndarray:
         """(S·B, T, 2Q) real coefficients in the boxes of some sectors and all bins."""
         radii, angles, nodes = self.bins.points(), self.angles[columns], self.sectors.nodes
         z = np.multiply.outer(radii, k)  # (B, A, Q)
         values = self.table.at(z.ravel(), columns)
         if shift is not middle:
             values *= np.exp(-1j * np.outer(z, shift(angles) - middle(angles)))
-        values *= np.exp(-np.outer(np.multiply.outer(radii, loss), shift(angles)))
         values = values.reshape(*z.shape, -1, nodes)  # (B, A, Q, S, C)
         packed = np.ascontiguousarray(values.transpose(3, 0, 4, 1, 2)).view(np.float64)
         across = chebyshev.coefficients(np.eye(self.bins.nodes), 0)
@@ -374,16 +366,15 @@ class Boxes:
         terms = np.concatenate([np.kron(one, across[:kept]) for one, kept in around])
         return np.asarray(terms @ packed.reshape(-1, terms.shape[1], 2 * len(k)))
 
-    def _each_alone(
-        self, rows: np.ndarray, k: np.ndarray, shift: Shift, loss: np.ndarray
-    ) -> np.ndarray:
+    def _each_alone(self, rows: np.ndarray, k: np.ndarray, shift: Shift) -> np.ndarray:
         """(m, Q) of the trunks of sparse sectors."""
         first = len(self.filled) * self.sectors.nodes
         column = first + np.searchsorted(self.alone, rows)
-        radius, angle = self.paths.radius[rows, None], self.paths.angle[rows, None]
-        heights = self.table.each(radius * k, column)
-        later = shift(angle)
-        heights *= np.exp(-radius * (1j * k * (later - middle(angle)) + loss * later))
+        z = np.outer(self.paths.radius[rows], k)
+        angle = self.paths.angle[rows]
+        heights = self.table.each(z, column)
+        if shift is not middle:
+            heights *= np.exp(-1j * z * (shift(angle) - middle(angle))[:, None])
         return heights
 
 
