@@ -108,13 +108,10 @@ class Process:
         integral = Integral(closed) if closed is not None else quadrature(self.intensity, low, high)
         return Integral(self.factor * integral.value, self.factor * integral.error)
 
-    def expected(self, low: np.ndarray | None = None, high: np.ndarray | None = None) -> float:
-        """∫λ over a rectangle within the field, by default the whole of it."""
-        if low is None and high is None:
-            return self.total.value
-        return self.integral(
-            self.low if low is None else low, self.high if high is None else high
-        ).value
+    @property
+    def expected(self) -> float:
+        """∫λ over the whole field."""
+        return self.total.value
 
     def scaled(self, factor: float) -> Process:
         """λ times a factor."""
@@ -185,19 +182,19 @@ def sample(
     and some are wanted. λ is negative or not a number somewhere; says where.
     BoundViolation : λ exceeds its own bound; says where and by how much.
     """
-    wanted = process.expected() if exactly is None else float(exactly)
+    wanted = process.expected if exactly is None else float(exactly)
     if not wanted <= most:
         raise IntensityError(
             f"the intensity asks for {wanted:,.0f} trees, more than {most:,}; "
             "lower the peaks or the expected number"
         )
-    if exactly and process.expected() <= 0:
+    if exactly and process.expected <= 0:
         raise IntensityError(f"{exactly} trees cannot stand where the intensity is zero; raise it")
     components = _components(process.intensity, process.factor)
     if components is not None:
         area = float(np.prod(process.high - process.low))
         drawn = components.constant * area + components.hills.whole().sum()
-        if drawn <= max(WASTE * process.expected(), 1e5):
+        if drawn <= max(WASTE * process.expected, 1e5):
             if exactly is None:
                 return _by_component(components, process, rng)
             return _repeat(lambda n: _components_of(components, process, n, rng), exactly)
@@ -493,7 +490,7 @@ def sample_strauss(process: Process, strauss: Strauss, rng: np.random.Generator)
         inside = np.clip(points, process.low, process.high)
         return activity_of(process.at(inside), strauss)
 
-    mean = process.expected() / float(np.prod(process.high - process.low))
+    mean = process.expected / float(np.prod(process.high - process.low))
     edge = EDGE * strauss.radius
     trees = run_births_and_deaths(
         activity, mean, process.low - edge, process.high + edge, strauss, rng

@@ -11,7 +11,7 @@ from forest_addon.api.world import trees_in_world
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import DEAD, LEAF, WOOD
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library import FOLDER, find_species, load_species, read_allometry
+from forest_addon.growth.library import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import TARGETS, Wanted, band, scores
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import grow
@@ -126,7 +126,7 @@ def test_sizes_in_a_stand_are_one_joint_law():
 
     Of 2,500 trees each of ten correlations is off by 4.5 standard errors with a chance of 7e-6.
     """
-    name, law = "norway-spruce", read_allometry("picea-abies", FOLDER)
+    name, law = "norway-spruce", read_allometry("picea-abies", Path())
     rows = Rows(row_spacing=30, tree_spacing=30)
     targets = Targets(dbh=Normal(mean=0.3, sd=0.07), allometry="picea-abies")
     planting = Planting(species=name, layout="rows", rows=rows, targets=targets)

@@ -102,7 +102,7 @@ KINDS = {
 
 def process(name, total=60.0):
     made = Process(KINDS[name], LOW, LOW + SIZE)
-    return made.scaled(total / made.expected())
+    return made.scaled(total / made.expected)
 
 
 @pytest.mark.slow
@@ -120,7 +120,7 @@ def test_counts_in_rectangles_are_poisson(name):
         dispersion = counts.var(ddof=1) / mean.value
         assert abs(dispersion - 1) < 4.5 * np.sqrt(2 / runs + 1 / (mean.value * runs))
     # The whole distribution by chi-square over its octiles: false alarm 1e-4 each, 5e-4 together.
-    mean = made.expected()
+    mean = made.expected
     edges = np.unique(stats.poisson.ppf(np.arange(1, 8) / 8, mean))
     whole = np.array([len(p) for p in samples])
     observed = np.bincount(np.searchsorted(edges, whole), minlength=len(edges) + 1)
@@ -176,7 +176,7 @@ def test_one_pixel_that_is_not_zero_gets_all_trees():
     image = np.zeros((512, 512))
     image[100, 300] = 1
     made = Process(functions.RasterIntensity(image, LOW, SIZE), LOW, LOW + SIZE)
-    points = sample(made.scaled(20_000 / made.expected()), stream(1, "pixel"))
+    points = sample(made.scaled(20_000 / made.expected), stream(1, "pixel"))
     step = SIZE / 512
     centre = LOW + step * [300.5, 512 - 100.5]
     assert (np.abs(points - centre) <= step).all()
@@ -289,7 +289,7 @@ def test_clusters_follow_the_plantings_intensity():
     for low, high in (((0, 0), (30, 80)), ((30, 0), (100, 80))):
         counts = np.array([((t >= low) & (t < high)).all(axis=1).sum() for t in drawn])
         error = counts.std(ddof=1) / np.sqrt(len(counts))
-        wanted = process.expected(np.array(low, float), np.array(high, float))
+        wanted = process.integral(np.array(low, float), np.array(high, float)).value
         assert abs(counts.mean() - wanted) < 4.5 * error
 
 
@@ -356,7 +356,7 @@ def test_as_many_trees_stand_on_each_side_of_a_hill():
     ]
     for low, high in (((0, 0), (30, 80)), ((30, 0), (80, 80))):
         counts = np.array([((t >= low) & (t < high)).all(axis=1).sum() for t in drawn])
-        wanted = process.expected(np.array(low, float), np.array(high, float))
+        wanted = process.integral(np.array(low, float), np.array(high, float)).value
         assert abs(counts.mean() - wanted) < 0.02 * wanted + 4 * counts.std(ddof=1) / np.sqrt(8)
 
 

@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from ...base.rows import lengths
-from ...base.runs import Runs, bounds, numbered, sums
+from ...base.runs import Runs, along_lines, bounds, numbered, sums
 from .pieces import Pieces
 
 STRETCH = 4.0  # mean radii from knot to knot
@@ -102,15 +102,7 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
     share = _share(along, owner, count)
     knot_radius = _average(samples, lengths(outward)[:, None], share, first)[:, 0]
     end_radius = _end_radii(first, knot_radius, pieces, along, outward)
-    return Centrelines(knot, knot_radius, _gone(knot, first), first, end_radius, outward)
-
-
-def _gone(knot: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """(K,) how far along its line each knot is."""
-    step = np.linalg.norm(np.diff(knot, axis=0, prepend=knot[:1]), axis=1)
-    step[first[:-1]] = 0.0
-    total = np.cumsum(step)
-    return np.asarray(total - np.repeat(total[first[:-1]], np.diff(first)))
+    return Centrelines(knot, knot_radius, along_lines(knot, first), first, end_radius, outward)
 
 
 def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
@@ -199,7 +191,7 @@ def _project(
     share : where each point is now; its stretch and the two beside it are tried. A line goes straight
     on beyond its ends.
     """
-    gone = _gone(knot, first)
+    gone = along_lines(knot, first)
     stretches = (np.diff(first) - 1)[piece]
     now = np.minimum((share * stretches).astype(np.int64), stretches - 1)
     direction = np.diff(knot, axis=0)
@@ -236,7 +228,7 @@ def _close_ends(
     along: np.ndarray,
 ) -> np.ndarray:
     """(K, 3) knots of lines that reach to where the surface ends, in its middle there."""
-    gone, knot = _gone(knot, first), knot.copy()
+    gone, knot = along_lines(knot, first), knot.copy()
     owner, number = np.repeat(np.arange(pieces.count), np.diff(first)), np.arange(len(knot))
     ends = first[:-1], first[1:] - 1
     for end, (at, other) in enumerate((ends, ends[::-1])):

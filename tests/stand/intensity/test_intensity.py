@@ -276,7 +276,7 @@ def test_a_density_counts_within_the_polygon():
     triangle = ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0))
     planting = Planting(species="m", density=0.5)
     field = Forest(size=(20.0, 20.0), polygon=triangle)
-    assert process_of(planting, field).expected() == pytest.approx(100, rel=1e-9)
+    assert process_of(planting, field).expected == pytest.approx(100, rel=1e-9)
 
 
 def ramp():
@@ -301,7 +301,7 @@ def ramp():
 def test_a_density_is_that_of_the_ground_where_it_may_stand(limits, share):
     planting = Planting(species="m", density=0.5, **limits)
     process = process_of(planting, Forest(size=(60.0, 40.0)), Inputs(terrain=ramp()))
-    assert process.expected() == pytest.approx(0.5 * share * 2400, rel=5e-3)
+    assert process.expected == pytest.approx(0.5 * share * 2400, rel=5e-3)
     points = stream(6, "points").random((500, 2)) * [60.0, 40.0]
     there = process.at(points)
     assert there[there > 0] == pytest.approx(0.5, rel=1e-9)  # exactly so, as it is even
@@ -334,7 +334,7 @@ def test_an_expected_number_within_a_mask_counts_what_the_mask_leaves():
     exact = integrate.dblquad(
         lambda y, x: bare.at(np.array([[x, y]]))[0], 0, 20, 0, lambda x: 20 - x, epsabs=1e-4
     )[0]
-    assert process.expected() == pytest.approx(500, rel=1e-12)
+    assert process.expected == pytest.approx(500, rel=1e-12)
     assert process.factor * exact == pytest.approx(500, abs=2 * process.total.error + 0.05)
 
 
