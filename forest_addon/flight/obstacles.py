@@ -235,14 +235,6 @@ class MeshObstacles:
                 return True
         return False
 
-    def distance(self, place: np.ndarray, most: float) -> float:
-        """Metres from (3,) to the nearest solid; ``inf`` where that is beyond ``most``."""
-        if not len(self._mesh):
-            return np.inf
-        _, corners = self._around(place[None], place[None], most)
-        nearest = float(distances(place, corners).min(initial=np.inf))
-        return nearest if nearest <= most else np.inf
-
 
 # Obstacles in one mesh: its triangles in cells, and the least distance from all of them to each cell.
 #

@@ -36,7 +36,7 @@ from ..formats.foreign import guarded
 from ..formats.ownership import claim, remove
 from ..formats.stl import StlError, read_stl, write_stl
 from ..formats.toml_file import VERSION_KEY, read_settings
-from ..spec import Allometry, Grammar, Siblings, SpecError, Species, quoted_with_hints, unknown
+from ..spec import Allometry, Siblings, SpecError, Species, quoted_with_hints, unknown
 from .likeness import Verdict, judge
 from .lsystem.system import ExpressionError, GrammarError
 from .lsystem.turtle import check_rules
@@ -66,6 +66,16 @@ COLUMNS = {
     "crown_base": "crown_base_m",
     "leaf_area": "leaf_area_m2",
 }
+SIBLINGS = """
+# Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
+[siblings]
+variety = {variety}
+allometry = "{allometry}"
+"""
+FITTED = (  # settings of a grammar that are fitted to a tree, in the order of its file
+    *("generations", "copies", "length", "side_ratio", "centre_ratio", "angle_deg", "twist_deg"),
+    *("radius", "radius_ratio"),
+)
 MOST_OF_TREE, MOST_OF_LEAF = 3_000_000, 10_000  # facets of a file
 KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft
 _recognised: LastAsked[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = LastAsked(KEPT)
@@ -382,10 +392,12 @@ def make_library(
         habit = fit(dissect(recognition, metres))
         tell(2, 5)
         if grammar == "tanveer-2020a":
-            how = _grammar_text(fit_grammar(split_tree(*metric)))
+            fitted = fit_grammar(split_tree(*metric))
+            how = "\n[grammar]\n" + "".join(f"{k} = {getattr(fitted, k)}\n" for k in FITTED)
         else:
             verdict = judge(habit, settings, siblings) if siblings else None
-            how = _siblings_text(settings, verdict.variety if verdict else 1.0)
+            variety = verdict.variety if verdict else 1.0
+            how = SIBLINGS.format(variety=variety, allometry=settings.allometry)
     except TemplateError as problem:
         raise NotUnderstoodError(problem, timber) from None
     tell(4, 5)  # from here on it is not stopped
@@ -469,30 +481,6 @@ source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}."
 [template]
 wood = "wood.stl"
 leaves = "{"leaves.stl" if leafy else ""}"
-"""
-
-
-def _siblings_text(settings: Siblings, variety: float) -> str:
-    return f"""
-# Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
-[siblings]
-variety = {variety}
-allometry = "{settings.allometry}"
-"""
-
-
-def _grammar_text(grammar: Grammar) -> str:
-    return f"""
-[grammar]
-generations = {grammar.generations}
-copies = {grammar.copies}
-length = {grammar.length}
-side_ratio = {grammar.side_ratio}
-centre_ratio = {grammar.centre_ratio}
-angle_deg = {grammar.angle_deg}
-twist_deg = {grammar.twist_deg}
-radius = {grammar.radius}
-radius_ratio = {grammar.radius_ratio}
 """
 
 

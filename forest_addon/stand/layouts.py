@@ -97,16 +97,11 @@ class Process:
     @cached_property
     def total(self) -> Integral:
         """∫λ over the field."""
-        return self.integral(self.low, self.high)
-
-    def integral(self, low: np.ndarray, high: np.ndarray) -> Integral:
-        """∫λ over a rectangle; what lies outside the field counts nothing."""
-        low, high = np.maximum(low, self.low), np.minimum(high, self.high)
-        if (high <= low).any():
-            return Integral(0.0)
-        closed = self.intensity.closed_integral(low, high)
-        integral = Integral(closed) if closed is not None else quadrature(self.intensity, low, high)
-        return Integral(self.factor * integral.value, self.factor * integral.error)
+        closed = self.intensity.closed_integral(self.low, self.high)
+        whole = (
+            quadrature(self.intensity, self.low, self.high) if closed is None else Integral(closed)
+        )
+        return Integral(self.factor * whole.value, self.factor * whole.error)
 
     @property
     def expected(self) -> float:
@@ -154,10 +149,6 @@ MAX_ROUND = 4_000_000  # candidates drawn at once where a number of points is wa
 WASTE = 10.0  # points drawn by component over points kept, above which cells are the better way
 
 
-class BoundViolation(IntensityError):
-    """λ was larger than its bound: the sample would not be exact."""
-
-
 @dataclass(frozen=True)
 class _Components:
     """λ = (constant + hills) within masks."""
@@ -179,8 +170,7 @@ def sample(
     Raises
     ------
     IntensityError : more than ``most`` points would be drawn; says how many. λ is zero everywhere,
-    and some are wanted. λ is negative or not a number somewhere; says where.
-    BoundViolation : λ exceeds its own bound; says where and by how much.
+    and some are wanted. λ is negative or not a number somewhere, or exceeds its own bound; says where.
     """
     wanted = process.expected if exactly is None else float(exactly)
     if not wanted <= most:
@@ -274,7 +264,7 @@ def _thin(
         k = int(np.argmax(bad))
         x, y = points[k].tolist()
         if value[k] > bound[k]:
-            raise BoundViolation(
+            raise IntensityError(
                 f"the intensity at ({x:.6g}, {y:.6g}) is {value[k]:.6g} trees/m², above its bound of "
                 f"{bound[k]:.6g}; its bounds() is wrong, so no sample would be exact"
             )

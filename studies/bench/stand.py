@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -295,7 +296,7 @@ def _sampled(name: str, intensity: Intensity, count: int) -> list[str]:
     seconds = median_seconds(lambda: sample(process, stream(2, "bench", name, count)))
     runs = RUNS if count <= 10**5 else 1
     quarter = np.array([62.0, 92.0])  # from the corner to within the hills
-    mean = process.integral(low, quarter).value
+    mean = replace(process, low=low, high=quarter).expected
     counts, shown = [], np.empty(0)
     for k in range(runs):
         points = sample(process, stream(3 + k, "bench", name, count))
@@ -322,7 +323,7 @@ def _marginal(process: Process, x: np.ndarray) -> float:
     low, high = process.low, process.high
     cuts = np.linspace(low[0], high[0], 1501)
     strips = [
-        process.integral(np.array([a, low[1]]), np.array([b, high[1]])).value
+        replace(process, low=np.array([a, low[1]]), high=np.array([b, high[1]])).expected
         for a, b in pairwise(cuts)
     ]
     share = np.append(0.0, np.cumsum(strips)) / np.sum(strips)

@@ -107,15 +107,18 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
 
 def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
     """(V,) distance along edges from one end of each vertex's piece; (C,) length of the pieces."""
-    vertices = pieces.vertices
-    distance = lengths(vertices - pieces.middles()[pieces.piece_of_vertex])
-    one, other = pieces.edges.T
-    edge_length = lengths(vertices[one] - vertices[other])
-    graph = csr_matrix((edge_length, (one, other)), shape=(len(vertices), len(vertices)))
+    distance = lengths(pieces.vertices - pieces.middles()[pieces.piece_of_vertex])
     for _ in range(2):  # from the vertex farthest from the middle to one end, then to the other
-        farthest = pieces.largest(distance)
-        distance = dijkstra(graph, directed=False, indices=farthest, min_only=True)
+        distance = distance_from(pieces, pieces.largest(distance))
     return distance, distance[pieces.largest(distance)]
+
+
+def distance_from(pieces: Pieces, roots: np.ndarray) -> np.ndarray:
+    """(V,) distance along edges from the nearest of the root vertices."""
+    one, other = pieces.edges.T
+    length = np.maximum(lengths(pieces.vertices[one] - pieces.vertices[other]), 1e-300)
+    graph = csr_matrix((length, (one, other)), shape=(len(pieces.vertices),) * 2)
+    return np.asarray(dijkstra(graph, directed=False, indices=roots, min_only=True))
 
 
 def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:

@@ -210,7 +210,12 @@ def members_of(skeleton: Skeleton, most: int = MOST) -> Members:
             bearer[b] = bearer[above[b]] if above[b] >= 0 else 0
     own = bearer[member]
     start, end = skeleton.start[first[stays]], skeleton.end[last[stays]]
-    radius = _radii(skeleton, member, first, last)[stays]
+    radius = np.stack([skeleton.radius[first, 0], skeleton.radius[last, 1]], axis=1)
+    radius = np.maximum(radius, 1e-5)
+    chord = np.linalg.norm(skeleton.end[last] - skeleton.start[first], axis=1)
+    volume = np.bincount(member, skeleton.volume)  # of a member as of its segments
+    scale = np.sqrt(np.clip(volume / frustums(np.maximum(chord, 1e-9), radius), 0.25, 4.0))
+    radius = (radius * scale[:, None])[stays]
     node, offset = _nodes(start, end, np.where(above >= 0, number[above], -1)[stays])
     along = _along(skeleton, stays[member], number[own], start, end)
     stem = skeleton.order[first[stays]] == 0
@@ -235,18 +240,6 @@ def _joined(skeleton: Skeleton, longest: float) -> np.ndarray:
             member[s] = len(reach)
             reach.append(length[s])
     return np.array(member)
-
-
-def _radii(
-    skeleton: Skeleton, member: np.ndarray, first: np.ndarray, last: np.ndarray
-) -> np.ndarray:
-    """(B, 2) radii of members whose volume is that of their segments."""
-    radius = np.stack([skeleton.radius[first, 0], skeleton.radius[last, 1]], axis=1)
-    chord = np.linalg.norm(skeleton.end[last] - skeleton.start[first], axis=1)
-    volume = np.bincount(member, skeleton.volume)
-    radius = np.maximum(radius, 1e-5)
-    scale = np.sqrt(np.clip(volume / frustums(np.maximum(chord, 1e-9), radius), 0.25, 4.0))
-    return radius * scale[:, None]
 
 
 def _nodes(start: np.ndarray, end: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -347,18 +347,6 @@ class GroundSurface(Protocol):
         """Vertices (V, 3) and triangles (T, 3) to show it by, None where it is flat."""
 
 
-def normals(terrain: GroundSurface, points: np.ndarray) -> np.ndarray:
-    """(N, 3) unit normals of the ground, up."""
-    gradient = terrain.gradient(points)
-    up = np.column_stack([-gradient, np.ones(len(points))])
-    return np.asarray(up / np.linalg.norm(up, axis=1, keepdims=True))
-
-
-def slope(terrain: GroundSurface, points: np.ndarray) -> np.ndarray:
-    """(N,) angle between the ground and the horizontal, radians."""
-    return np.asarray(np.arctan(np.linalg.norm(terrain.gradient(points), axis=1)))
-
-
 def sink(terrain: GroundSurface, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """(N,) how far a trunk of this foot radius goes below the ground at its axis, metres.
 
