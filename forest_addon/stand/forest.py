@@ -451,7 +451,8 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
     }
     factor = {name: stand.scale**power for name, power in POWERS.items()}
     told = [truth[key] for key in keys]
-    table |= _measures(told, factor, dbh, foot, [int(row["leaves"]) for row in told])
+    own = {"dbh_m": dbh.tolist(), "foot_radius_m": foot.tolist()}
+    table |= _measures(told, factor, own | {"leaves": [int(row["leaves"]) for row in told]})
     if forest.wanted is not None:
         for column, name in enumerate(TARGETS):
             unit = "m2" if name == "leaf_area" else "m"
@@ -482,19 +483,13 @@ MEASURED = (  # columns, in this order
 
 
 def _measures(
-    truth: Sequence[Mapping[str, float]],
-    factor: Mapping[str, np.ndarray],
-    dbh: np.ndarray,
-    foot: np.ndarray,
-    leaves: list[int],
+    truth: Sequence[Mapping[str, float]], factor: Mapping[str, np.ndarray], own: dict[str, list]
 ) -> dict[str, list[object]]:
-    """Columns of what N trees measure: of ``tree_truth``, by factors (N,), diameters and radii (N,), m."""
-    told: dict[str, list[object]] = {
-        name: list((np.array([row.get(name, np.nan) for row in truth], float) * by).tolist())
-        for name, by in factor.items()
-    }
-    told |= {"dbh_m": dbh.tolist(), "foot_radius_m": foot.tolist(), "leaves": list(leaves)}
-    return {name: told[name] for name in MEASURED}
+    """Columns of what N trees measure: their own, and those of ``tree_truth`` by factors (N,)."""
+    for name, by in factor.items():
+        values = np.array([row.get(name, np.nan) for row in truth], dtype=float)
+        own = {name: (values * by).tolist(), **own}
+    return {name: own[name] for name in MEASURED}
 
 
 def met_targets(forest: GrownForest) -> list[TargetsMet]:
@@ -652,16 +647,8 @@ class PlacedTrees:
         return int(rows[0]) if len(rows) else None
 
 
-NONE = PlacedTrees(
-    *(
-        (),
-        np.empty(0, np.int64),
-        np.empty((0, 3, 4)),
-        np.empty(0, np.int64),
-        np.empty(0, np.int64),
-        (),
-    )
-)
+NOBODY = np.empty(0, np.int64)
+NONE = PlacedTrees((), NOBODY, np.empty((0, 3, 4)), NOBODY, NOBODY, ())
 
 
 def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
@@ -682,7 +669,7 @@ def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
     factor = {
         **dict.fromkeys(("height_m", "crown_base_m"), along),
         **dict.fromkeys(("wood_area_m2", "projected_wood_m2"), np.cbrt(volume) ** 2),
-        **dict.fromkeys(("leaf_area_m2", "wood_volume_m3"), volume),
+        "wood_volume_m3": volume,
         "crown_width_m": across,
     }
     table: dict[str, list[object]] = {
@@ -694,9 +681,9 @@ def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
         "rotation_rad": azimuth_of(linear[:, :, 0]).tolist(),
         "scale": np.cbrt(volume).tolist(),
     }
-    leaves = [len(row.leaves) for row in rows]
-    table |= _measures([row.truth for row in rows], factor, dbh, foot * across, leaves)
-    return table | {"leaf_area_m2": list(area)}
+    own = {"dbh_m": dbh.tolist(), "foot_radius_m": (foot * across).tolist(), "leaf_area_m2": area}
+    own |= {"leaves": [len(row.leaves) for row in rows]}
+    return table | _measures([row.truth for row in rows], factor, own)
 
 
 def placed_leaves(trees: PlacedTrees) -> dict[str, np.ndarray]:
