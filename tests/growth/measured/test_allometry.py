@@ -8,6 +8,7 @@ from runpy import run_path
 import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
+from scipy.stats import ks_2samp
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
@@ -216,8 +217,10 @@ def test_sapwood_of_every_diameter_fits_heights_that_trees_have():
     assert np.median(slender) == pytest.approx(middle, rel=0.25)
 
 
-@pytest.mark.parametrize("name", ["picea-abies", "pinus-sylvestris", "fagus", "quercus"])
-@pytest.mark.parametrize("height", [3.0, 8.0, 20.0, 35.0])
+@pytest.mark.parametrize(
+    ("name", "height"),
+    [("picea-abies", 3.0), ("pinus-sylvestris", 8.0), ("fagus", 20.0), ("quercus", 35.0)],
+)
 def test_a_diameter_drawn_for_a_height_has_it_within_the_band_of_its_kind(name, height):
     """90 % of the kind lie within the band; of 1000 trees 83 to 97 % (false alarm below 1e-9), and more where
     diameters beyond the measured ones are rarer."""
@@ -232,13 +235,11 @@ def test_a_diameter_drawn_for_a_height_has_it_within_the_band_of_its_kind(name, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("known", [(0,), (1,), (2,), (3,), (0, 2), (1, 3), (1, 2, 3)])
+@pytest.mark.parametrize("known", [(0,), (1, 3), (1, 2, 3)])
 def test_what_is_drawn_both_ways_round_is_one_joint_law(known):
     """Trees are drawn by diameter; of each some measures are kept, and the rest is drawn given these."""
-    from scipy.stats import ks_2samp
-
     name = ("picea-abies", "fagus")[sum(known) % 2]
-    kind, count, rng = read_allometry(name, Path()), 1000, stream(4, name, *known)
+    kind, count, rng = read_allometry(name, Path()), 500, stream(4, name, *known)
     nothing = np.full((count, 4), NOTHING)
     dbh = np.exp(rng.uniform(np.log(0.005), np.log(kind.height.dbh[1]), count))
     trees = draw(kind, dbh, nothing, rng.random((count, 4)))
@@ -251,7 +252,7 @@ def test_what_is_drawn_both_ways_round_is_one_joint_law(known):
     back = (again > 0.02) & (again < 0.4)
     for what in (lambda d, m: d, lambda d, m: m[:, 0] / d, lambda d, m: m[:, 1] / d):
         p = ks_2samp(what(dbh, trees)[inner], what(again, more)[back]).pvalue
-        assert p > 1e-4  # false alarm 2e-3 in all 21, whose seeds are fixed
+        assert p > 1e-4  # false alarm 1e-3 in all 9, whose seeds are fixed
 
 
 # ---------------------------------------------------------------------------------------------- meet
@@ -267,7 +268,7 @@ def species_of(name):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("name", ["scots-pine", "silver-birch", "honda-birch", "ginkgo", "apple"])
+@pytest.mark.parametrize("name", ["scots-pine", "honda-birch", "apple"])
 def test_a_tree_measures_what_it_is_to(name):
     """Diameter to a tenth of a millimetre, height and base to a few centimetres, leaf area exactly."""
     species, template = species_of(name)
@@ -277,7 +278,7 @@ def test_a_tree_measures_what_it_is_to(name):
     assert truth["height_m"] == pytest.approx(SMALL.height, abs=0.12)
     assert truth["crown_width_m"] == pytest.approx(SMALL.crown_width, rel=0.04)
     assert truth["leaf_area_m2"] == pytest.approx(SMALL.leaf_area, rel=1e-6)
-    if name in ("scots-pine", "silver-birch"):
+    if name == "scots-pine":
         assert truth["crown_base_m"] == pytest.approx(SMALL.crown_base, abs=0.02)
     assert tree.wanted == SMALL
 
@@ -390,7 +391,7 @@ def grown(name, wanted, siblings=False):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "siblings"),
-    [("maple", False), ("hazelnut", False), ("spruce", False), ("maple", True)],
+    [("hazelnut", False), ("spruce", False), ("maple", True)],
 )
 def test_all_five_are_met(name, siblings):
     tree = grown(name, WANTED, siblings)
@@ -415,19 +416,6 @@ def test_leaves_keep_their_size_and_their_truth_is_that_of_the_mesh():
     assert np.abs(facing).min() > 1 - 1e-9
     counts = np.bincount(tree.mesh.leaf[tree.mesh.leaf >= 0])
     assert set(counts) <= set(np.bincount(plain.mesh.leaf[plain.mesh.leaf >= 0]))
-
-
-@pytest.mark.medium
-def test_the_mesh_of_the_stem_has_the_diameter():
-    """The cut of the wood at 1.3 m, below all branches: its widest extent is the DBH."""
-    tree = grown("maple", WANTED)
-    edges = tree.mesh.triangles[tree.mesh.part == WOOD][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    a, b = tree.mesh.vertices[edges[:, 0]], tree.mesh.vertices[edges[:, 1]]
-    crosses = (a[:, 2] - 1.3) * (b[:, 2] - 1.3) < 0
-    a, b = a[crosses], b[crosses]
-    cut = (a + ((1.3 - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, None] * (b - a))[:, :2]
-    across = np.ptp(cut, axis=0)
-    assert np.abs(across / WANTED.dbh - 1).max() < 0.03
 
 
 @pytest.mark.medium

@@ -276,7 +276,7 @@ def moved(mesh, rotation, shift):
     return replace(mesh, vertices=mesh.vertices @ rotation.T + shift)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_rectangle_anywhere(seed):
     rng = np.random.default_rng(seed)
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -375,7 +375,7 @@ def angles_of(leaves):
     return np.arccos(np.clip(np.abs(leaves.normal[:, 2]), 0, 1))
 
 
-@pytest.mark.parametrize(("mean", "sd"), [(27, 17), (55, 20), (3, 2), (87, 2), (45, 30)])
+@pytest.mark.parametrize(("mean", "sd"), [(27, 17), (3, 2), (45, 30)])
 def test_draws_follow_the_beta_distribution(mean, sd):
     spread = Inclination(mean_deg=mean, sd_deg=sd)
     drawn = draw_inclination(spread, KEYS)
@@ -507,7 +507,7 @@ def sizes(corners):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("edge", [0.11, 0.3, 1.7])
+@pytest.mark.parametrize("edge", [0.11, 1.7])
 def test_areas_are_those_of_clipped_polygons(edge):
     rng = stream(4, "cells")
     corners = rng.normal(0, 0.3, (20, 3, 3)) - 0.7  # cells of negative number too

@@ -13,8 +13,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from hypothesis import Phase, example, given, settings
-from hypothesis import strategies as some
 from references.brought_trees import TREES, decimated, doubled, rough
 from references.model_tree import Model, at, line, tree
 from references.own_trees import SPECIES, mothers_of, own_tree, sibling
@@ -63,7 +61,6 @@ SIBLINGS = 5
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "trees"
 LIBRARY = Path(__file__).resolve().parents[3] / "assets" / "templates"
 MOST_OFF = OFF + 1e-3
-DONE = ("nothing", "rough", "doubled", "decimated", "both")
 
 
 def portrait(tree: Tree) -> Portrait:
@@ -78,7 +75,7 @@ def portraits(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SPECIES)
+@pytest.mark.parametrize("name", ["honda", "weeping"])
 def test_siblings_are_within_the_goals(name):
     """Means within 10 % and 4.5 standard errors: a false alarm in 10,000 runs; profiles overlap."""
     template, siblings = portraits(name)
@@ -115,7 +112,7 @@ def test_every_piece_begins_within_its_parent_and_every_leaf_sits_on_its_branch(
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("name", SPECIES)
+@pytest.mark.parametrize("name", ["honda", "abop"])
 def test_no_trunk_is_cut_off(name):
     template = sibling(name, 0, variety=0.0).skeleton
     thin = template.radius[template.order == 0][-1, 1] / template.radius[0, 0]
@@ -165,23 +162,6 @@ def test_whorls_stay_whorls_and_a_spiral_a_spiral():
     turn = np.diff(np.arctan2(heading[:, 1], heading[:, 0]))
     off = np.abs(np.abs(np.angle(np.exp(1j * turn))) - np.deg2rad(137.5))  # it may be mirrored
     assert np.rad2deg(np.median(off)) < 12
-
-
-@pytest.mark.medium
-def test_twigs_of_a_weeping_tree_hang():
-    def low(tree):
-        wood = tree.skeleton
-        first, axis = axes_of(wood)
-        twig = wood.order[first] == 3
-        last = np.zeros(len(first), np.int64)
-        last[axis] = np.arange(len(axis))
-        way = wood.end[last[twig]] - wood.start[last[twig]]
-        return np.rad2deg(np.arccos(way[:, 2] / np.linalg.norm(way, axis=1)))
-
-    template = low(sibling("weeping", 0, variety=0.0))
-    grown = np.concatenate([low(sibling("weeping", seed)) for seed in range(4)])
-    assert np.median(grown) == pytest.approx(np.median(template), abs=4)
-    assert np.percentile(grown, 10) == pytest.approx(np.percentile(template, 10), abs=12)
 
 
 @pytest.mark.medium
@@ -289,10 +269,12 @@ def gapped(name: str, metres: float, order: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("name", "gap", "order"),
     [
-        *((name, 0.0, 1) for name in ("apple", "hill_cherry", "lombardy_poplar", "palm", "curved")),
-        *((name, 0.1, 1) for name in ("maple", "hill_cherry")),
-        *((name, 0.5, 1) for name in ("forked", "apple")),
-        *((name, 0.5, 2) for name in ("forked", "hill_cherry")),
+        ("apple", 0.0, 1),
+        ("lombardy_poplar", 0.0, 1),
+        ("palm", 0.0, 1),
+        ("maple", 0.1, 1),
+        ("forked", 0.5, 1),
+        ("hill_cherry", 0.5, 2),
     ],
 )
 def test_the_mesh_of_every_limb_begins_in_the_wood_that_bears_it(name, gap, order):
@@ -319,8 +301,7 @@ def test_limbs_that_are_not_off_are_left_as_they_are():
     assert cKDTree(corners).query(mesh.vertices + origin)[0].max() < 1e-6
 
 
-@pytest.mark.parametrize("missing", [0.1, 0.5])
-@pytest.mark.parametrize("variety", [0.0, 1.0])
+@pytest.mark.parametrize(("missing", "variety"), [(0.1, 1.0), (0.5, 0.0)])
 def test_a_stem_whose_foot_is_missing_is_led_to_the_ground(missing, variety):
     found = recognise(facets_of("twin"))
     (other,) = found.stems[1:]
@@ -366,8 +347,7 @@ def leans(grown: Grown) -> float:
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("capped", [False, True])
-@pytest.mark.parametrize("sides", [3, 4, 6, 9])
+@pytest.mark.parametrize(("sides", "capped"), [(3, True), (4, False), (6, True), (9, False)])
 def test_the_foot_is_in_the_middle_of_its_base_and_the_trunk_begins_upright(sides, capped):
     found = recognise(flared(sides, capped).wood())
     np.testing.assert_allclose(found.foot[found.trunk], [0.4, -0.2, 0], atol=0.02)
@@ -377,14 +357,13 @@ def test_the_foot_is_in_the_middle_of_its_base_and_the_trunk_begins_upright(side
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("sides", [3, 4])
-@pytest.mark.parametrize("lean", [0.0, 0.4])
+@pytest.mark.parametrize(("sides", "lean"), [(3, 0.4), (4, 0.0)])
 def test_siblings_stand_on_their_base_and_lean_as_the_tree_does(sides, lean):
     found = recognise(flared(sides, lean=lean).wood())
     anatomy = dissect(found)
     habit = fit(anatomy)
     own = leans(grow_sibling(habit, Siblings(variety=0.0), 1))
-    for key in range(20):
+    for key in range(8):
         grown = grow_sibling(habit, Siblings(), key)
         assert leans(grown) < own + 10
         mesh, _, _ = mesh_of(anatomy, grown, 1.0)
@@ -541,17 +520,14 @@ def check(found: Recognition) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
-@given(
-    some.sampled_from(sorted(TREES)),
-    some.integers(3, 12),
-    some.booleans(),
-    some.sampled_from(DONE),
-    some.tuples(some.integers(-500, 500), some.integers(-500, 500), some.floats(-0.5, 0.5)),
+@pytest.mark.parametrize(
+    ("name", "sides", "capped", "done", "place"),
+    [
+        ("stacked", 4, True, "both", (0, 0, 0.0)),
+        ("twin", 3, False, "nothing", (-30, 7, -0.4)),
+        ("leaning", 4, False, "decimated", (0, 0, 0.3)),
+    ],
 )
-@example("stacked", 4, True, "both", (0, 0, 0.0))
-@example("twin", 3, False, "nothing", (-30, 7, -0.4))
-@example("leaning", 4, False, "decimated", (0, 0, 0.3))
 def test_any_tree_comes_back_standing(
     name: str, sides: int, capped: bool, done: str, place: tuple[float, float, float]
 ) -> None:
@@ -560,16 +536,15 @@ def test_any_tree_comes_back_standing(
 
 @pytest.mark.medium
 @pytest.mark.parametrize(
-    ("name", "orders"),
+    ("name", "orders", "sides"),
     [
-        ("stacked", [1, 12, 12]),  # three pieces of trunk are one
-        ("twin", [2, 16, 16]),  # two stems, each with its branches
-        ("forked", [1, 10, 15, 6]),
-        ("flared", [1, 12, 12]),
-        ("palm", [1, 14]),
+        ("stacked", [1, 12, 12], 3),  # three pieces of trunk are one
+        ("twin", [2, 16, 16], 4),  # two stems, each with its branches
+        ("forked", [1, 10, 15, 6], 6),
+        ("flared", [1, 12, 12], 3),
+        ("palm", [1, 14], 4),
     ],
 )
-@pytest.mark.parametrize("sides", [3, 4, 6])
 def test_orders_are_those_of_the_tree(name: str, orders: list[int], sides: int) -> None:
     anatomy = dissect(recognise(brought(name, sides, sides == 4, "rough", np.zeros(3))))
     np.testing.assert_array_equal(np.bincount(anatomy.order), orders)

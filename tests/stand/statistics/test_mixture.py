@@ -74,17 +74,6 @@ def test_it_is_a_maximum_of_the_likelihood():
 
 
 @pytest.mark.slow
-def test_the_error_falls_with_one_over_n():
-    # MISE of maximum likelihood falls with 1/n. From 200 to 1,600 trees, 5 samples each, the slope
-    # spreads by 0.1: bounds at 4 sigma.
-    errors = []
-    for count in (200, 1_600):
-        tried = (drawn(HILLS, count, "rate", count, s) for s in range(5))
-        errors.append(np.mean([relative_error(fit_mixture(p, FIELD), law) for p, law in tried]))
-    assert -1.4 < np.log(errors[1] / errors[0]) / np.log(8) < -0.6
-
-
-@pytest.mark.slow
 def test_trees_that_stand_evenly_or_in_an_orchard_get_no_hill():
     # BIC takes one hill of 5 parameters for chance with probability about 1 %: 3 of 12 has 2e-4.
     even = [fit_mixture(drawn(Constant(1.0), 300, "even", s)[0], FIELD) for s in range(12)]
@@ -327,18 +316,6 @@ def test_a_hole_takes_its_part_away():
     for both, kept in zip(whole, HOLED.gaussian_moments(*of), strict=True):
         assert kept == pytest.approx(both[0] - both[1], abs=1e-14)
     assert HOLED.area == pytest.approx(outline.area - hole.area)
-
-
-def test_the_moments_over_a_rectangle_are_those_over_its_halves():
-    halves = [
-        Window((np.array([[0.0, 0.0], [7.0, 0.0], [0.0, 4.0]]),)),
-        Window((np.array([[7.0, 0.0], [7.0, 4.0], [0.0, 4.0]]),)),
-    ]
-    of = (np.array([[3.0, 3.0], [-1.0, 6.0], [9.0, 1.0]]), np.array([[1, 2], [3, 0.5], [4, 40.0]]))
-    parts = zip(*(half.gaussian_moments(*of) for half in halves), strict=True)
-    whole = Window.rectangle((0, 0), (7, 4)).gaussian_moments(*of)
-    for (first, second), both in zip(parts, whole, strict=True):
-        assert both == pytest.approx(first + second, abs=1e-14)
 
 
 def test_the_whole_mass_and_none_of_it():

@@ -27,6 +27,7 @@ from forest_addon.blender.sensors import objects as sensors
 from forest_addon.blender.sensors.objects import sensors_of
 from forest_addon.formats.toml_file import read_scanner, scanner_names
 from forest_addon.ui import properties
+from forest_addon.ui.forest import build
 from forest_addon.ui.sensors import panels
 from forest_addon.ui.sensors.add import STARTS
 from forest_addon.ui.sensors.run import FOREST_OT_run, FOREST_OT_run_frames
@@ -521,8 +522,11 @@ def test_a_path_goes_with_its_sensor_unless_a_copy_follows_it(room):
     assert counts()["objects"] == before["objects"]
 
 
-@pytest.mark.slow
-def test_a_forest_grown_later_leaves_the_users_sensors(room):
+@pytest.mark.medium
+def test_a_forest_grown_later_leaves_the_users_sensors(room, tmp_path, monkeypatch):
+    demo = tmp_path / "demo.toml"
+    demo.write_text('[[plantings]]\nspecies = "fern"\nexpected = 3\n[[sensors]]\nkind = "sonar"\n')
+    monkeypatch.setattr(build, "DEMO", demo)  # smaller than the real one
     press("scan_here")
     assert press("build") == {"FINISHED"}
     assert [obj.name for obj in sensors.sensors_of(bpy.context.scene)] == ["Tripod LiDAR"]
