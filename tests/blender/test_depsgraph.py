@@ -95,13 +95,6 @@ def test_an_empty_mesh_is_harmless(empty_blender):
     assert len(read()) == 0
 
 
-def test_a_moved_object_moves_its_hits(empty_blender):
-    obj = add(quad(0, WOOD))
-    assert distance_along_x(read()) == pytest.approx(5, abs=1e-6)
-    obj.location.x = 2.5
-    assert distance_along_x(read()) == pytest.approx(7.5, abs=1e-6)
-
-
 def test_an_array_modifier_adds_hits_and_leaves(empty_blender):
     obj = add(quad(0, LEAF, 0))
     modifier = obj.modifiers.new("Array", "ARRAY")
@@ -225,13 +218,6 @@ def library_of(*things):
         library.objects.link(obj)
         bpy.context.scene.collection.objects.unlink(obj)
     return library
-
-
-def test_geometry_nodes_instances_are_seen(empty_blender):
-    with_nodes(add(quad(0, WOOD)), row(4, (2, 0, 0)))
-    scene = read()
-    assert len(scene.meshes) == 1
-    assert sorted(np.round(scene.transform[:, 0, 3], 6).tolist()) == [0, 2, 4, 6]
 
 
 def build_nested():
