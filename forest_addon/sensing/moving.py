@@ -263,8 +263,7 @@ class MovingScene:
         """
         if not len(self.pieces.owner):
             return
-        knot = (time + self.start) * KNOTS
-        block = np.floor(knot / SPAN).astype(np.int64)
+        block = np.floor(((time + self.start) * KNOTS) / SPAN).astype(np.int64)
         hull = self.pieces.hull
         enters, leaves = clip(*hull, origins.T, ways.T, begin, limit)
         near = sound[enters[sound] <= leaves[sound]]
@@ -521,8 +520,7 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
     pair = distinct((corner * count + piece[:, None]).ravel())
     vertex, of = np.divmod(pair, count)
     first = np.searchsorted(vertex, np.arange(len(mesh.vertices) + 1))
-    many = np.diff(first) > 1
-    seam = np.flatnonzero(many[corner].any(axis=1))
+    seam = np.flatnonzero((np.diff(first) > 1)[corner].any(axis=1))
     rows, where = [np.arange(len(piece))], [piece]
     for side in range(3):
         at = corner[seam, side]

@@ -93,8 +93,7 @@ def draw_sheet(files: Sequence[Path], path: Path) -> Path:
 
     shown = [pair for file in files for pair in sorted(pictures_of(file).items())]
     columns = max(1, min(8, math.ceil(math.sqrt(1.6 * len(shown)))))
-    rows = math.ceil(len(shown) / columns)
-    wide, high = columns * CELL, rows * (CELL + LABEL)
+    wide, high = columns * CELL, math.ceil(len(shown) / columns) * (CELL + LABEL)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure = Figure(figsize=(wide / 200, high / 200), dpi=200, facecolor=PAPER)
     axes = figure.add_axes((0, 0, 1, 1))

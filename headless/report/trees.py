@@ -252,8 +252,7 @@ def _draw(axes: Axes, facets: np.ndarray, colour: np.ndarray, across: int) -> No
     normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     depth = 1 - across
-    light = np.array([0.45, 0.35, 0.82])
-    shade = 0.55 + 0.45 * np.abs(normal @ light)
+    shade = 0.55 + 0.45 * np.abs(normal @ np.array([0.45, 0.35, 0.82]))
     middle = facets[:, :, depth].mean(axis=1)
     order = np.argsort(-middle if across == 0 else middle, kind="stable")
     axes.add_collection(
