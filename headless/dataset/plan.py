@@ -425,21 +425,16 @@ def recipes(plan: Plan, numbers: Sequence[int] | None = None) -> list[Recipe]:
                 str(plan.path), f"scene {number:06d}: {problem.key}: {problem.problem}"
             ) from None
     if not plan.splits.share_trees:
-        _refuse_shared_trees(plan, drawn_recipes)
+        splits: dict[tuple[str, Path], set[str]] = {}
+        for recipe in drawn_recipes:
+            for planting in recipe.scene.get("plantings", []):
+                key = str(planting["species"]), Path(recipe.folder)
+                splits.setdefault(key, set()).add(recipe.split)
+        try:
+            refuse_without_chance((*key, names) for key, names in splits.items())
+        except SpecError as problem:
+            raise SpecError(str(plan.path), f"{problem.key}: {problem.problem}") from None
     return drawn_recipes
-
-
-def _refuse_shared_trees(plan: Plan, found: Sequence[Recipe]) -> None:
-    """Refuse species that are one tree where splits must not share any."""
-    splits: dict[tuple[str, Path], set[str]] = {}
-    for recipe in found:
-        for planting in recipe.scene.get("plantings", []):
-            key = str(planting["species"]), Path(recipe.folder)
-            splits.setdefault(key, set()).add(recipe.split)
-    try:
-        refuse_without_chance((*key, names) for key, names in splits.items())
-    except SpecError as problem:
-        raise SpecError(str(plan.path), f"{problem.key}: {problem.problem}") from None
 
 
 def _recipe(plan: Plan, number: int, base: Base, drawn: dict[str, Any]) -> Recipe:
@@ -575,8 +570,7 @@ def split_of(plan: Plan, number: int) -> str:
         sites = _dealt([base.name for base in plan.bases], plan, "site")
         name = _base_of(plan, number).name
         return next(split for split, mine in sites.items() if name in mine)
-    start = stream(plan.head.seed, "split").random()
-    place = (start + number * GOLDEN) % 1.0
+    place = (stream(plan.head.seed, "split").random() + number * GOLDEN) % 1.0
     ends = np.cumsum([getattr(plan.splits, split) for split in SPLITS])
     return SPLITS[min(int(np.searchsorted(ends, place, "right")), 2)]
 
