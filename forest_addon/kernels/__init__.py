@@ -96,7 +96,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "trace_paths": ([_count, _doubles, _count, *[_doubles] * 5], None),
     "lay_echoes": (
         [
-            *(_count, _doubles, _doubles, _count, _complexes, _count, _doubles),
+            *(_count, _doubles, _doubles, _count, _complexes, _count, _count, _count, _doubles),
             *(_count, _count, _doubles, _count, _complexes, _doubles),
         ],
         None,
