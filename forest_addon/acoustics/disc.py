@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +32,15 @@ from scipy import special
 
 from .. import kernels
 from .chebyshev import Cubics
-from .disc_table import HANDOVER, LAST, tabulated, tabulated_bound, tabulated_by_kernel
+from .disc_table import (
+    HANDOVER,
+    LAST,
+    MARGIN,
+    bound_maxima,
+    tabulated,
+    tabulated_bound,
+    tabulated_by_kernel,
+)
 
 MODELS = ("paper", "piston", "exact")
 
@@ -164,6 +173,14 @@ def amplitude_bound(
     optics = _piston_bound(lowest, highest, size, angle)
     bound[large] = np.maximum(bound[large], optics + 0.5 * size * rim)
     return bound
+
+
+def bound_tables(model: str) -> tuple[Any, ...]:
+    """Arguments of the kernel that bounds discs: the model, its lobes, and its tables."""
+    lobes = np.array(_lobes())
+    maxima = bound_maxima() if model == "exact" else np.zeros((1, 1, 1), np.float32)
+    given = MODELS.index(model), lobes.shape[1], lobes, *_hankel().given[2:]
+    return *given, MARGIN, *maxima.shape[1:], maxima
 
 
 def _acute(incidence: ArrayLike) -> np.ndarray:

@@ -17,13 +17,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ... import kernels
+from ...acoustics.disc import bound_tables
+from ...acoustics.disc_table import HANDOVER, STEPS
 from ...base.rows import RowTable
 from .calls import SAMPLED, Band
-from .leaves import NearFaces
+from .leaves import ASIDE, CLOSEST, FAR, LeafEchoes, NearFaces, near_groups
 from .scatterers import Scatterers, Sight, StrengthParts
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
@@ -55,6 +58,10 @@ class SearchGroup(RowTable):
         """(M, 3) m/s; (M, 0) where all stand still."""
         return self.motion[:, :3]
 
+    def ways(self, point: np.ndarray) -> np.ndarray:
+        """(M, 3) unit, from the mouth, which is at a point (3,)."""
+        return np.asarray((self.scatterers.centre - point) / self.paths.distance[:, None])
+
 
 @dataclass
 class Counts:
@@ -65,6 +72,11 @@ class Counts:
     broken: int = 0
     hidden: int = 0
     late: int = 0
+
+    def add(self, broken: int, near: int, far: int, late: int) -> None:
+        """More of each."""
+        self.broken, self.near = self.broken + broken, self.near + near
+        self.far, self.late = self.far + far, self.late + late
 
 
 @dataclass(frozen=True)
@@ -133,35 +145,83 @@ class _Finder:
 
     def open(self, blocks: Candidates) -> None:
         """Move the scatterers of some blocks into the world and bound each."""
-        station, counts = self._station, self._counts
-        sonar, latest = station.sonar, self._latest * station.sound_speed
+        sonar = self._station.sonar
+        library = kernels.library()
+        if library is not None:
+            runs, blocks = self._targets.still_leaves(sonar, blocks)
+            if runs:
+                self._open_leaves(library, runs)
         for made, instance, motion in self._targets.scatterers(sonar, blocks, self._sight):
-            paths = station.paths(made.centre)
-            finite = np.isfinite(paths.distance) & _finite(made)
-            kept = finite & (paths.distance >= sonar.near_limit)
-            counts.broken += int(np.count_nonzero(~finite))
-            if not isinstance(made, NearFaces):  # of leaves whose middles are within the range
-                far = finite & (paths.distance > sonar.max_range)
-                counts.near += int(np.count_nonzero(finite & ~kept))
-                counts.far += int(np.count_nonzero(far))
-                kept &= ~far
-            for leg in paths.leg.T if station.apart else ():  # an ear may be nearer than the mouth
-                kept &= leg >= 0.5 * sonar.near_limit
-            if not kept.all():
-                rows = np.flatnonzero(kept)
-                made, paths = made.select(rows), paths.select(rows)
-                instance, motion = instance[rows], motion[rows]
-            late = np.zeros(len(made), dtype=bool)
-            for length in paths.length.T if latest < np.inf else ():
-                late |= length > latest
-            counts.late += made.count(instance, late)
-            bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
-            loud = ~late & (bound > 0)
-            group = SearchGroup(made, instance, paths, bound, np.ones(len(bound)), motion)
-            group = group if loud.all() else group.select(np.flatnonzero(loud))
-            if len(group):
-                self._groups.append(group)
-                self._checked.append(np.zeros(len(group), dtype=bool))
+            self._add(made, instance, motion)
+
+    def _open_leaves(self, library: Any, runs: list[tuple[Any, ...]]) -> None:
+        """As ``open``, of ``EchoTargets.still_leaves``, by the kernel."""
+        station, sonar, (places, frames) = self._station, self._station.sonar, self._station.ends
+        beamed, steepness = station.steepness is not None, np.zeros((len(places), 2))
+        if beamed:
+            steepness[:] = station.steepness
+        told = (
+            *(sonar.near_limit, sonar.max_range, 0.5 * sonar.near_limit * (station.apart > 0)),
+            *(self._latest * station.sound_speed, station.least_loss, beamed, FAR, ASIDE, CLOSEST),
+            *(*station.wavenumbers, HANDOVER, *STEPS),
+        )
+        by = len(places), places, frames, steepness, np.array(told, np.float64)
+        room = sum(int((last - first).sum()) for _, first, last, *_ in runs)
+        (number, instance), tally = np.empty((2, room), np.int64), np.zeros(6, np.int64)
+        centre, normal = np.empty((2, room, 3))
+        radius, nearness, bound = np.empty((3, room))
+        made = LeafEchoes(centre, number, normal, radius, nearness, sonar.leaf_model)
+        paths, still = EchoPaths.empty(room, len(places)), np.empty((room, 0))
+        output = room, tally, centre, number, normal, radius, nearness, instance
+        for run in runs:
+            tables = *by, *bound_tables(sonar.leaf_model)
+            library.open_leaves(*run, *tables, *output, paths.away, paths.offset, bound)
+        kept, near, *left_out = tally.tolist()
+        self._counts.add(*left_out)
+        opened = SearchGroup(made, instance, paths, bound, np.ones(room), still)
+        group = opened.select(slice(kept))
+        if not beamed:
+            group.bound[:] *= group.paths.bound(station)
+            group = group.select(group.bound > 0)
+        self._take(group)
+        if near:
+            leaves = made.select(np.arange(room - 1, room - 1 - near, -1))
+            for part, row in near_groups(leaves, self._sight):
+                self._add(part, instance[room - 1 - row], still[row])
+
+    def _add(self, made: Scatterers, instance: np.ndarray, motion: np.ndarray) -> None:
+        """Bound scatterers that are moved, and keep those that may be heard."""
+        station, sonar = self._station, self._station.sonar
+        latest = self._latest * station.sound_speed
+        paths = station.paths(made.centre)
+        finite = np.isfinite(paths.distance) & _finite(made)
+        kept = finite & (paths.distance >= sonar.near_limit)
+        early = far = np.zeros(0, dtype=bool)
+        if not isinstance(made, NearFaces):  # of leaves whose middles are within the range
+            early, far = finite & ~kept, finite & (paths.distance > sonar.max_range)
+            kept &= ~far
+        for leg in paths.leg.T if station.apart else ():  # an ear may be nearer than the mouth
+            kept &= leg >= 0.5 * sonar.near_limit
+        late = np.zeros(len(made), dtype=bool)
+        for length in paths.length.T if latest < np.inf else ():
+            late |= length > latest
+        late &= kept
+        broken, near, beyond = (int(np.count_nonzero(rows)) for rows in (~finite, early, far))
+        self._counts.add(broken, near, beyond, made.count(instance, late))
+        if late.any() or not kept.all():
+            rows = np.flatnonzero(kept & ~late)
+            made, paths = made.select(rows), paths.select(rows)
+            instance, motion = instance[rows], motion[rows]
+        bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
+        loud = bound > 0
+        group = SearchGroup(made, instance, paths, bound, np.ones(len(bound)), motion)
+        self._take(group if loud.all() else group.select(np.flatnonzero(loud)))
+
+    def _take(self, group: SearchGroup) -> None:
+        """Have a group, if anything is in it, and ask for no shade yet."""
+        if len(group):
+            self._groups.append(group)
+            self._checked.append(np.zeros(len(group), dtype=bool))
 
     def least(self, count: int) -> float:
         """Σ|A| of the ``count`` loudest, by their bounds: no more than Σ|A| of all."""
