@@ -36,10 +36,11 @@ from .disc_table import (
     HANDOVER,
     LAST,
     MARGIN,
+    STEPS,
     bound_maxima,
+    by_incidence,
     tabulated,
     tabulated_bound,
-    tabulated_by_kernel,
 )
 
 MODELS = ("paper", "piston", "exact")
@@ -112,8 +113,9 @@ def disc_amplitudes(
         side = np.zeros(len(radius), np.int8) if side is None else side
         library.piston_discs(*given, side, *_hankel().given[2:], amplitudes)
     else:
-        late = np.full(len(radius), later)
-        tabulated_by_kernel(library, *given, late, amplitudes)
+        late, table = np.full(len(radius), later), by_incidence()
+        steps = np.array(STEPS), MARGIN, table.shape[1]
+        library.exact_discs(*given, late, *steps, table, amplitudes)
         large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
         if len(large):
             size, some = wavenumber[:, None] * radius[large], incidence[large]

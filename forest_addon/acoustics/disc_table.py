@@ -17,7 +17,6 @@ import platform
 from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -74,12 +73,6 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return np.asarray(total * level(ka))
 
 
-def tabulated_by_kernel(library: Any, *given: Any) -> None:
-    """Call the library's ``exact_discs`` with all but the table; the last one given is the result."""
-    table = _by_incidence()
-    library.exact_discs(*given[:-1], np.array(STEPS), MARGIN, table.shape[1], table, given[-1])
-
-
 def tabulated_bound(lowest: np.ndarray, highest: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """No |k·f|/ka of ``tabulated`` from ``lowest`` to ``highest`` (ka) is larger; (M,) each.
 
@@ -119,7 +112,7 @@ def _splines() -> np.ndarray:
 
 
 @lru_cache(maxsize=1)
-def _by_incidence() -> np.ndarray:
+def by_incidence() -> np.ndarray:
     """(V, U) the same, by incidence."""
     return np.ascontiguousarray(_splines().T)
 

@@ -125,14 +125,15 @@ KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const
  * first, last, transform (3, 4), scale, instance (blocks): each block has the places first to last of ``order``,
  *     whose rows of centre, normal, radius, leaf a transform moves that turns, mirrors and scales evenly.
  * ends, place, frame: as of trace_paths. steepness (ends, 2): of the logarithm of the loudest gain in the band over
- *     squared offsets.
- * told (17): nearest and farthest from the mouth; shortest way back to an ear, longest way in all; nepers a metre
- *     at least; 1, or 0 to leave gains out of bounds; what FAR, ASIDE, CLOSEST of sensing/sonar/leaves.py are, where
- *     faces stand for discs, and the paper's are subdued; lowest and highest wavenumber; ka from where exact discs
- *     are told by their rims, too; steps as of exact_discs.
+ *     squared offsets; where one is no number, gains are left out of bounds.
+ * told (16): nearest and farthest from the mouth; shortest way back to an ear, longest way in all; nepers a metre
+ *     at least; FAR, ASIDE and CLOSEST of sensing/sonar/leaves.py, from where faces stand for discs, and the paper's
+ *     are subdued; lowest and highest wavenumber; ka from where exact discs are told by their rims, too; steps as
+ *     of exact_discs.
  * model: 0 paper, 1 piston, 2 exact. lobes (2, peaks): of |J1| where, and how high. cells, hankel: as of
  *     piston_discs. margin: as of exact_discs; maxima (_, rows, columns) of acoustics/disc_table.py.
- * tally (6): kept, faces, not finite, too near, too far, too late; added to.
+ * kept (2): rows that are kept, and rows for which faces stand; tally (4): not finite, too near, too far, too late;
+ *     added to.
  * moved (3), number, turned (3), size, nearness, owner, away (ends), offset (ends, 2), bound: columns of ``room``
  *     rows, for several calls: all that is opened fits in. Leaves that are kept are appended in order; leaves for
  *     which faces stand go, without away, offset and bound, to the end, each before the one before.
@@ -143,7 +144,7 @@ KERNEL void open_leaves(int64_t blocks, const int64_t *first, const int64_t *las
                         const double *place, const double *frame, const double *steepness, const double *told,
                         int64_t model, int64_t peaks, const double *lobes, int64_t cells, const double *hankel,
                         int64_t margin, int64_t rows, int64_t columns, const float *maxima, int64_t room,
-                        int64_t *tally, double *moved, int64_t *number, double *turned, double *size,
+                        int64_t *kept, int64_t *tally, double *moved, int64_t *number, double *turned, double *size,
                         double *nearness, int64_t *owner, double *away, double *offset, double *bound);
 
 /* Lays echoes down on even grids of delays: each is turned back by its cycles and goes, weighted, to the

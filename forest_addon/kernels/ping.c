@@ -12,7 +12,7 @@
 #define WIDEST 24   /* taps of a kernel, at most */
 
 enum { PAPER, PISTON, EXACT };                    /* models of discs */
-enum { KEPT, FACES, BROKEN, NEAR, FAR, LATE }; /* counts of leaves that are opened */
+enum { BROKEN, NEAR, FAR, LATE }; /* leaves that are left out */
 
 /* Cosine and sine of -TURN times some cycles, to rounding: their power series within a quarter of a turn. Unlike
  * the library's functions they are computed of several values at once, and are the same everywhere. */
@@ -302,33 +302,30 @@ void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
         int64_t cell = at < 1e6 ? (int64_t)at : 0; /* 0 of what is no number, which stays in the weights */
         const float *column = table + 2 * ((cell + margin - 1) * rows + margin - 1);
         double over[4];
-        float along[4], line[16]; /* of eight sizes, from four times ``known`` on: nodes go on from there */
-        int64_t known = -2;
+        float along[4];
         splines(at - (double)cell, over);
         for (int b = 0; b < 4; b++)
             along[b] = (float)over[b];
         for (int64_t begin = 0; begin < nodes; begin += BLOCK) {
             int64_t some = nodes - begin < BLOCK ? nodes - begin : BLOCK;
-            double size[BLOCK], place[BLOCK], real[BLOCK], imaginary[BLOCK];
+            double size[BLOCK], across[4][BLOCK], real[BLOCK], imaginary[BLOCK];
+            float line[BLOCK][8];
+            int32_t row[BLOCK];
             for (int64_t q = 0; q < some; q++) {
                 size[q] = wavenumber[begin + q] * radius[i];
                 double inside = size[q] < steps[4] ? size[q] : steps[4];
-                place[q] = (sqrt(inside + steps[1]) - sqrt(steps[1])) / steps[0];
+                double place = (sqrt(inside + steps[1]) - sqrt(steps[1])) / steps[0];
+                row[q] = (int32_t)place;
+                splines(place - (double)row[q], over);
+                for (int b = 0; b < 4; b++)
+                    across[b][q] = over[b];
             }
+            for (int64_t q = 0; q < some; q++)
+                mixed(column + 2 * (int64_t)row[q], rows, along, line[q]);
             for (int64_t q = 0; q < some; q++) {
-                int64_t row = (int64_t)place[q];
-                int64_t four = row / 4;
-                if (four == known + 1)
-                    memcpy(line, line + 8, 8 * sizeof *line);
-                else if (four != known)
-                    mixed(column + 8 * four, rows, along, line);
-                if (four != known)
-                    mixed(column + 8 * four + 8, rows, along, line + 8);
-                known = four;
-                const float *l = line + 2 * (row - 4 * four);
-                splines(place[q] - (double)row, over);
-                real[q] = over[0] * l[0] + over[1] * l[2] + over[2] * l[4] + over[3] * l[6];
-                imaginary[q] = over[0] * l[1] + over[1] * l[3] + over[2] * l[5] + over[3] * l[7];
+                const float *l = line[q];
+                real[q] = across[0][q] * l[0] + across[1][q] * l[2] + across[2][q] * l[4] + across[3][q] * l[6];
+                imaginary[q] = across[0][q] * l[1] + across[1][q] * l[3] + across[2][q] * l[5] + across[3][q] * l[7];
             }
             for (int64_t q = 0; q < some; q++) {
                 double square = size[q] * size[q];
@@ -470,7 +467,6 @@ void trace_paths(int64_t count, const double *centre, int64_t ends, const double
 
 /* What discs are bounded by; arguments of open_leaves. */
 struct bounding {
-    int64_t model;
     double lowest, highest;
     int64_t peaks;
     const double *peak, *height;
@@ -560,15 +556,17 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
                  const double *normal, const double *radius, const int64_t *leaf, int64_t ends, const double *place,
                  const double *frame, const double *steepness, const double *told, int64_t model, int64_t peaks,
                  const double *lobes, int64_t cells, const double *hankel, int64_t margin, int64_t rows,
-                 int64_t columns, const float *maxima, int64_t room, int64_t *tally, double *moved, int64_t *number,
-                 double *turned, double *size, double *nearness, int64_t *owner, double *away, double *offset,
-                 double *bound)
+                 int64_t columns, const float *maxima, int64_t room, int64_t *kept, int64_t *tally, double *moved,
+                 int64_t *number, double *turned, double *size, double *nearness, int64_t *owner, double *away,
+                 double *offset, double *bound)
 {
     double nearest = told[0], farthest = told[1], shortest = told[2], longest = told[3], loss = told[4];
-    int beamed = told[5] != 0.0;
-    double far = told[6], aside = told[7], closest = told[8];
-    struct bounding by = {model,  told[9],        told[10], peaks,  lobes, lobes + peaks, cells,
-                          hankel, told[11], told + 12,      margin, rows,  columns,       maxima};
+    double far = told[5], aside = told[6], closest = told[7];
+    struct bounding by = {told[8],  told[9],   peaks,  lobes, lobes + peaks, cells,  hankel,
+                          told[10], told + 11, margin, rows,  columns,       maxima};
+    int beamed = 1;
+    for (int64_t e = 0; e < 2 * ends; e++)
+        beamed = beamed && steepness[e] == steepness[e];
     double turns[2] = {0.3999 * pow(by.lowest, -0.9065), 0.3999 * pow(by.highest, -0.9065)};
     for (int64_t b = 0; b < blocks; b++)
         for (int64_t begin = first[b]; begin < last[b]; begin += BLOCK) {
@@ -595,7 +593,7 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
                 double across = steepness[2 * e];
                 double along = steepness[2 * e + 1];
                 for (int64_t i = 0; i < some; i++) { /* where the first of these may go; the others move up below */
-                    int64_t row = (tally[KEPT] + i) * ends + e;
+                    int64_t row = (kept[0] + i) * ends + e;
                     away[row] = leg[i];
                     offset[2 * row] = left[i];
                     offset[2 * row + 1] = up[i];
@@ -635,7 +633,7 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
             else
                 for (int64_t i = 0; i < some; i++)
                     strength[i] = model == PISTON ? piston_bound(&by, a[i], angle[i]) : exact_bound(&by, a[i], angle[i]);
-            int64_t here = tally[KEPT];
+            int64_t here = kept[0];
             for (int64_t i = 0; i < some; i++) {
                 double sum = x[i] + y[i] + z[i] + u[i] + v[i] + w[i] + a[i] + distance[i];
                 int finite = sum - sum == 0.0;
@@ -644,8 +642,8 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
                 int face = model != PAPER && !near && !beyond
                            && distance[i] < far * by.highest * a[i] * a[i]
                            && (sine[i] < aside * a[i] || distance[i] < closest * a[i]);
-                int64_t to = room - 1 - tally[FACES];
-                tally[FACES] += face;
+                int64_t to = room - 1 - kept[1];
+                kept[1] += face;
                 if (!face) {
                     int outside = !finite || near || beyond || least[i] < shortest;
                     tally[BROKEN] += !finite;
@@ -657,7 +655,7 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
                         continue;
                     to = here++;
                     for (int64_t e = 0; e < ends; e++) {
-                        int64_t from = (tally[KEPT] + i) * ends + e;
+                        int64_t from = (kept[0] + i) * ends + e;
                         away[to * ends + e] = away[from];
                         offset[2 * (to * ends + e)] = offset[2 * from];
                         offset[2 * (to * ends + e) + 1] = offset[2 * from + 1];
@@ -672,6 +670,6 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
                 nearness[to] = held[i];
                 owner[to] = instance[b];
             }
-            tally[KEPT] = here;
+            kept[0] = here;
         }
 }

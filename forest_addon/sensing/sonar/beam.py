@@ -50,9 +50,10 @@ class BeamPattern(ABC):
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         """(D, Q) what the terms are multiplied with at frequencies (Q,)."""
 
-    def steepness(self, band: tuple[float, float]) -> np.ndarray | None:
-        """(2,) of the logarithm of the loudest gain in a band over squared offsets, if it is of that form."""
-        return None
+    @property
+    def steepness(self) -> np.ndarray:
+        """(2,) of the logarithm of the gain over squared offsets, at any frequency; NaN of another form."""
+        return np.full(2, np.nan)
 
     @abstractmethod
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
@@ -78,14 +79,15 @@ class GaussianBeam(BeamPattern):
     width: tuple[float, float]
 
     def terms(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
-        along, up = -2.0 * HALF_POWER / np.square(self.width)
+        along, up = self.steepness
         return (along * np.square(az) + up * np.square(el))[None]
 
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         return np.ones((1, len(frequency)))
 
-    def steepness(self, band: tuple[float, float]) -> np.ndarray:
-        return -2.0 * HALF_POWER / np.square(self.width)
+    @property
+    def steepness(self) -> np.ndarray:
+        return np.asarray(-2.0 * HALF_POWER / np.square(self.width))
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(self.terms(az, el)[0])
@@ -114,9 +116,6 @@ class Horseshoe(BeamPattern):
 
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         return 1.0 / np.square(self.width(frequency))[None]
-
-    def steepness(self, band: tuple[float, float]) -> np.ndarray:
-        return np.full(2, -2.0 * HALF_POWER * self.basis(np.array(band)).min())
 
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(-2.0 * HALF_POWER * np.square(away / self.width(np.array(band[0]))))

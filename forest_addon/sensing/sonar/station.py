@@ -210,11 +210,10 @@ class Station:
         return places, np.concatenate([self.pose.frame[None], self.ear_frame])
 
     @cached_property
-    def steepness(self) -> np.ndarray | None:
-        """(1 + E, 2) of the beams, where all have it: ``BeamPattern.steepness``."""
+    def steepness(self) -> np.ndarray:
+        """(1 + E, 2) of the beams: ``BeamPattern.steepness``."""
         hears = (self.equipment.hear(ear) for ear in range(len(self.ear)))
-        steep = [beam.steepness(self.sonar.band) for beam in (self.equipment.emit, *hears)]
-        return None if any(each is None for each in steep) else np.array(steep)
+        return np.array([beam.steepness for beam in (self.equipment.emit, *hears)])
 
     def paths(self, centre: np.ndarray) -> EchoPaths:
         """The ways from the mouth by places (M, 3) to the ears."""

@@ -138,7 +138,9 @@ class EchoTargets:
 
         point : (3,) where the sonar is. lowest, highest : wavenumbers of the band.
         """
-        found, far = [], 0
+        whole, far = np.empty(0, np.int64), 0
+        none = np.empty((3, 0))
+        found = [Candidates(whole, whole, whole, none.T, none[0], whole, none[0], none[0])]
         for number, stand in enumerate(self.stands(sonar)):
             blocks = stand.population.blocks
             away = np.linalg.norm(stand.centre - point, axis=1) - stand.radius
@@ -178,7 +180,7 @@ class EchoTargets:
                     strength,
                 )
             )
-        return _joined(found), far
+        return Candidates.joined(found), far
 
     def scatterers(
         self, sonar: Sonar, some: Candidates, sight: Sight
@@ -303,10 +305,3 @@ class EchoTargets:
             else:
                 kept[key] = FacetPopulation(mesh)
         return kept[key]
-
-
-def _joined(found: list[Candidates]) -> Candidates:
-    if not found:
-        none = np.empty(0, np.int64)
-        return Candidates(none, none, none, np.empty((0, 3)), *([np.empty(0)] * 4))
-    return Candidates.joined(found)
