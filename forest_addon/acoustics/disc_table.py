@@ -74,7 +74,7 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def tabulated_bound(lowest: np.ndarray, highest: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """No |k·f|/ka of ``tabulated`` from ``lowest`` to ``highest`` (ka) is larger; (M,) each.
+    """Upper bound (M,) of |k·f|/ka of ``tabulated`` from ``lowest`` to ``highest`` (ka), (M,) each.
 
     A spline nowhere exceeds the largest of the four by four coefficients that it is made of there.
     """

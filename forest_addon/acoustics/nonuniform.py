@@ -329,8 +329,11 @@ class _Task:
     def result(
         self, kernel: float, error: float, scattered: float, unseen: float = 0.0
     ) -> DelayedSum:
-        """With the error of a term on the grid, and of interpolation: all in phase, scattered, and what was
-        not seen of it."""
+        """Finish the sum and tell its error.
+
+        kernel, error : of a term by interpolation and on the grid. scattered : of all terms, if their
+        errors are not in phase. unseen : what was not sampled of it.
+        """
         spectrum = self._spectrum[0] if self._one else self._spectrum
         if not self._size:
             return DelayedSum(spectrum, 0.0, 0.0, self._nodes)

@@ -120,7 +120,9 @@ def _both(
     second = {name: np.array(column) for name, column in of_placed(placed).items()}
     count = len(next(iter(second.values()), ()))
     return {
-        name: np.concatenate([values, second.get(name, _nothing(values, count))])
+        name: np.concatenate(
+            [values, second.get(name, np.full(count, np.nan if values.dtype.kind == "f" else ""))]
+        )
         for name, values in first.items()
     }
 
@@ -128,10 +130,6 @@ def _both(
 def _numbers(column: np.ndarray) -> np.ndarray:
     """A column with gaps as float64, NaN in the gaps."""
     return np.array([np.nan if value == "" else float(value) for value in column.tolist()])
-
-
-def _nothing(like: np.ndarray, count: int) -> np.ndarray:
-    return np.full(count, np.nan if like.dtype.kind == "f" else "")
 
 
 if TYPE_CHECKING:
@@ -445,7 +443,7 @@ class World:
         return skeleton_in_world(*self._standing(), tree)
 
     def _repr_html_(self) -> str:
-        """For notebooks: what stands here."""
+        """List what stands here, as notebooks show it."""
         if self.forest is None:
             return f"<b>{self.scene.name}</b>: the scene in Blender"
         kinds = zip(self.forest.labels, self.forest.stand.counts(), strict=True)

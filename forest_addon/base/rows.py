@@ -16,7 +16,7 @@ class RowTable:
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def select(self, rows: np.ndarray | slice) -> Self:
-        """Some rows of every column, by number, mask or slice."""
+        """Rows of every column, by number, mask or slice."""
         if isinstance(rows, np.ndarray) and rows.dtype == bool:
             rows = np.flatnonzero(rows)
         kept = {}

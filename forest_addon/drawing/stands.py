@@ -40,7 +40,10 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
         figure.colorbar(
             *(scale, None, axes), label="intensity, trees/ha", shrink=0.5, aspect=24, anchor=(0, 0)
         ).outline.set_edgecolor(FAINT)
-    _show_outline(axes, settings)
+    field = settings.forest
+    for ring in (field.polygon, *field.holes):
+        if ring:
+            axes.plot(*np.array([*ring, ring[0]]).T, color=INK, linewidth=0.9, zorder=3)
     if inputs.terrain is not None:
         _show_contours(axes, settings, inputs, low, high)
     room = 0.02 * max(wide, tall)
@@ -74,13 +77,6 @@ def _name_axes(axes: Axes) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
-
-
-def _show_outline(axes: Axes, settings: Scene) -> None:
-    field = settings.forest
-    for ring in (field.polygon, *field.holes):
-        if ring:
-            axes.plot(*np.array([*ring, ring[0]]).T, color=INK, linewidth=0.9, zorder=3)
 
 
 def _show_contours(

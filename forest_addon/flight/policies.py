@@ -50,7 +50,7 @@ class Straight:
 
 @dataclass
 class Gap:
-    """By the widest gap; for scanners whose rays are level enough, the others are left out.
+    """Fly towards the widest gap between ranges; rays that are not level enough are left out.
 
     way, pace : (N,) radians to the left and share of the speed, of the last decision.
     """
@@ -106,7 +106,7 @@ class Gap:
 
 @dataclass
 class EchoPolicy:
-    """By two ears."""
+    """Steer by the echoes at two ears."""
 
     flight: Flight
     ears: EarSense

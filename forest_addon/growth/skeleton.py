@@ -111,7 +111,7 @@ class LeafSites(RowTable):
 
     @classmethod
     def none(cls) -> LeafSites:
-        """No leaves at all."""
+        """An empty set of leaves."""
         vectors, numbers = np.empty((0, 3)), np.empty(0)
         return cls(vectors, vectors, vectors, numbers, numbers, np.empty(0, np.int64))
 

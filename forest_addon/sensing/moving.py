@@ -300,7 +300,7 @@ class MovingScene:
 
 @dataclass(frozen=True, eq=False)
 class PieceWindow:
-    """Some pieces (P,) of trees in a window of time: places (K, P, 3, 4) at its knots, which begin with
+    """Pieces (P,) of trees in a window of time: places (K, P, 3, 4) at its knots, which begin with
     ``first``, and the box (2, 3) that they do not leave."""
 
     first: int

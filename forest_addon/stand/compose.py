@@ -1,4 +1,4 @@
-"""From settings to intensities: what a planting says, as one process on its field.
+"""Intensities from settings: what a planting says, as one process on its field.
 
 λ = (base + hills + rasters and paint that are added) · rasters that multiply, within the field's polygon,
 the planting's polygon, its masks and its limits of slope and altitude; scaled to an expected number, or to a

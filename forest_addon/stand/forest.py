@@ -546,7 +546,7 @@ def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
 
 
 def areas_of_trees(forest: GrownForest, edge: float) -> Iterator[CellAreas]:
-    """For tree after tree, its areas of leaf (one side) and wood in the cells of a grid, m²."""
+    """Areas of leaf (one side) and wood in the cells of a grid, m², tree after tree."""
     variants = {key: _faces(tree) for key, tree in forest.variants.items()}
     sizes = forest.stand.scale.tolist()
     for key, matrix, size in zip(forest.keys, forest.transforms(), sizes, strict=True):

@@ -231,7 +231,7 @@ def _by_component(
 def _components_of(
     components: _Components, process: Process, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Those of ``count`` independent points of the mixture that lie within, in random order."""
+    """Points within the field out of ``count`` independent ones of the mixture, in random order."""
     flat = components.constant * float(np.prod(process.high - process.low))
     share = np.cumsum([flat, *components.hills.whole()])
     which = np.searchsorted(share / share[-1], rng.random(count), "right")
@@ -360,7 +360,7 @@ def orchard(rows: Rows, low: np.ndarray, high: np.ndarray, rng: np.random.Genera
 
 
 def _numbers(wanted: int, spacing: float, reach: np.ndarray) -> tuple[int, int]:
-    """From which number up to which one lies within the field, or as many as wanted from 0 on."""
+    """First and last number within the field, or as many as wanted from 0 on."""
     if wanted:
         return 0, wanted
     tidy = 1e-9  # a row on the very edge of the field counts

@@ -336,7 +336,7 @@ def _scores(stand: Stand, groups: Sequence[_MeasuredGroup]) -> np.ndarray:
 def _free(
     wanted: np.ndarray, groups: Sequence[_MeasuredGroup], measure: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """For the canopy and for what is below it, rows (M,) of trees with targets, and whether a measure, one of
+    """Rows (M,) of trees with targets, in the canopy and below it, and whether a measure, one of
     ``MEASURES``, is free of each (M,).
     """
     free = np.zeros(len(wanted), dtype=bool)

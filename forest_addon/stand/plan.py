@@ -114,7 +114,7 @@ class Stand:
         return replace(kept, **{name: getattr(self, name)[:count] for name in OF_PLANTING})
 
     def select(self, rows: np.ndarray | slice) -> Stand:
-        """Some trees, by row or mask, as they are; figures of plantings stay those of all trees."""
+        """Trees by row or mask, as they are; figures of plantings stay those of all trees."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         whole = (*OF_PLANTING, "area")
         return Stand(**{k: v if k in whole else v[rows] for k, v in own.items()})
@@ -524,7 +524,7 @@ def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray
 
 
 def _settle(points: np.ndarray, trees: np.ndarray, spacing: Spacing, reach: float) -> np.ndarray:
-    """Those of ``trees``, from old to young, that stay by greedy removal among themselves.
+    """The ``trees`` that stay by greedy removal among themselves, from old to young.
 
     In rounds: who has no older rival left stays, and the rivals of those that stay go.
     """

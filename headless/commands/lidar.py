@@ -171,7 +171,7 @@ def sensor_of(
 
 
 def numbers(option: str, text: str, count: int) -> tuple[float, ...]:
-    """So many numbers with commas between them.
+    """Read ``count`` numbers with commas between them.
 
     Raises
     ------

@@ -28,7 +28,7 @@ from forest_addon.growth.own_tree.pieces import Group
 from forest_addon.growth.own_tree.relay import farthest_off, hold_rings
 from forest_addon.growth.own_tree.sibling import Grown, grow_sibling
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.spec import Siblings, SpecError, Species
+from forest_addon.spec import Siblings, SpecError
 
 from ..command import PROGRAM, UnlikeError
 from ..progress import Stages, hushed
@@ -202,7 +202,11 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
 
     verdict = made.verdict
     species, template = load_species(made.species)
-    itself = grow(_varied(species, 0.0), template, stream(0, "template"))
+    itself = grow(
+        replace(species, siblings=replace(species.siblings or Siblings(), variety=0.0)),
+        template,
+        stream(0, "template"),
+    )
     anatomy = made.habit.anatomy
     rebuilt = grow_sibling(made.habit, Siblings(variety=0.0), 0)
     off = farthest_off(anatomy, rebuilt)
@@ -225,10 +229,6 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
             shown = [sibling(number) for number in range(SHOWN)]
             render_three(made.found, made.unit.metres, itself, shown, species.look, path)
     tell_likeness(likeness, verdict.siblings, sensed, say)
-
-
-def _varied(species: Species, variety: float) -> Species:
-    return replace(species, siblings=replace(species.siblings or Siblings(), variety=variety))
 
 
 def _tell(made: Library, brought: Brought, say: Say) -> None:

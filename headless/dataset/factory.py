@@ -72,7 +72,11 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
         claim_store(asked.store, "a dataset", goes_on=True)
         _take_scenes(asked.store / disk.SCENES, out)
     missing = _missing(wanted, out, asked.replace)
-    write_plan(plan, out)
+    import tomli_w
+
+    made = ", ".join(f"{name} {number}" for name, number in versions().items())
+    head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
+    write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
     rows = make_scenes(plan, wanted, missing, out, asked)
     _describe(plan, wanted, out, bool(missing))
     if asked.store is not None:
@@ -204,15 +208,6 @@ def _named(scenes: Sequence[str]) -> str:
     shown = ", ".join(scenes[:NAMED])
     more = f" and {len(scenes) - NAMED} more" if len(scenes) > NAMED else ""
     return f"scene{'s' if len(scenes) > 1 else ''} {shown}{more}"
-
-
-def write_plan(plan: Plan, out: Path) -> None:
-    """plan.toml as it was used: overrides and base scenes within, and by what it was made."""
-    import tomli_w
-
-    made = ", ".join(f"{name} {number}" for name, number in versions().items())
-    head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
-    write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
 
 
 def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, changed: bool) -> None:

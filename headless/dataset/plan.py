@@ -425,21 +425,16 @@ def recipes(plan: Plan, numbers: Sequence[int] | None = None) -> list[Recipe]:
                 str(plan.path), f"scene {number:06d}: {problem.key}: {problem.problem}"
             ) from None
     if not plan.splits.share_trees:
-        _refuse_shared_trees(plan, drawn_recipes)
+        splits: dict[tuple[str, Path], set[str]] = {}
+        for recipe in drawn_recipes:
+            for planting in recipe.scene.get("plantings", []):
+                key = str(planting["species"]), Path(recipe.folder)
+                splits.setdefault(key, set()).add(recipe.split)
+        try:
+            refuse_without_chance((*key, names) for key, names in splits.items())
+        except SpecError as problem:
+            raise SpecError(str(plan.path), f"{problem.key}: {problem.problem}") from None
     return drawn_recipes
-
-
-def _refuse_shared_trees(plan: Plan, found: Sequence[Recipe]) -> None:
-    """Refuse species that are one tree where splits must not share any."""
-    splits: dict[tuple[str, Path], set[str]] = {}
-    for recipe in found:
-        for planting in recipe.scene.get("plantings", []):
-            key = str(planting["species"]), Path(recipe.folder)
-            splits.setdefault(key, set()).add(recipe.split)
-    try:
-        refuse_without_chance((*key, names) for key, names in splits.items())
-    except SpecError as problem:
-        raise SpecError(str(plan.path), f"{problem.key}: {problem.problem}") from None
 
 
 def _recipe(plan: Plan, number: int, base: Base, drawn: dict[str, Any]) -> Recipe:

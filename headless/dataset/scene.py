@@ -175,7 +175,12 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
-            "empty": work.empty | _no_trees(settings, forest),
+            "empty": work.empty
+            | (
+                {}
+                if not settings.plantings or len(forest.stand)
+                else {"forest": "no tree stands: expect more, or a larger field"}
+            ),
             "engine": observer.caster.engine,
             "variants": variants,
         },
@@ -290,13 +295,6 @@ def _write_blender(
     if keep.preview:
         seen = observer.caster, forest, settings.plantings
         write_segments(folder / SEGMENTS, scene, *seen)
-
-
-def _no_trees(settings: Scene, forest: GrownForest) -> dict[str, str]:
-    """Say that nothing stands where something was planted."""
-    if not settings.plantings or len(forest.stand):
-        return {}
-    return {"forest": "no tree stands: expect more, or a larger field"}
 
 
 def _digests(forest: GrownForest) -> dict[str, str]:

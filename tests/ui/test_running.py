@@ -175,8 +175,13 @@ def starts_a_job(cls):
     """Whether an operator computes in the background, or calls one that does."""
     if issubclass(cls, running.Working):
         return True
-    tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-    named = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    trees = [
+        ast.parse(textwrap.dedent(inspect.getsource(each)))
+        for each in vars(cls).values()
+        if inspect.isfunction(each)
+    ]
+    nodes = (node for tree in trees for node in ast.walk(tree))
+    named = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
     jobs = {f"bpy.ops.{c.bl_idname}" for c in of_ours() if issubclass(c, running.Working)}
     return bool(named & {*jobs, "bpy.ops.wm.read_homefile"})
 

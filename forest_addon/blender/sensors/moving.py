@@ -112,7 +112,7 @@ class Forecast(SceneFollower):
         return np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
 
     def motion(self, name: str, count: int | None = None) -> Trajectory:
-        """As many poses as an object has."""
+        """Poses of an object, ``count`` or as many as it has."""
         self._thing(name)
         first, last, rate = self._range
         frames = np.linspace(first, last, count or last - first + 1)

@@ -166,7 +166,7 @@ def colonise(
 
 
 def _near(points: np.ndarray, limbs: np.ndarray, count: int) -> np.ndarray:
-    """So many of points (A, 3): those nearest to limbs (N, 3), so that the sky shows between limbs."""
+    """The ``count`` points of (A, 3) nearest to limbs (N, 3), so that the sky shows between limbs."""
     away, _ = cKDTree(limbs).query(points)
     return points[np.sort(np.argsort(away, kind="stable")[:count])]
 

@@ -170,7 +170,7 @@ def fit_grown(
 
 
 def pruned(skeleton: Skeleton, sites: LeafSites, share: float) -> tuple[Skeleton, LeafSites]:
-    """Without the first-level branches that start below this share of the height; the top stays."""
+    """Leave out first-level branches that start below this share of the height; the top stays."""
     level = first_level(skeleton)
     top = float(skeleton.end[:, 2].max())
     parent = np.maximum(skeleton.parent, 0)
@@ -234,7 +234,7 @@ def _with_area(sites: LeafSites, blade: Blade, area: float) -> LeafSites:
 
 
 def _as_many(sites: LeafSites, skeleton: Skeleton, count: int, key: int) -> LeafSites:
-    """So many leaves: some left out, or others set beside them along what bears them."""
+    """Choose ``count`` leaves: some are left out, or others are set beside them along the same axis."""
     have = len(sites)
     pick, again, own = _picked(have, count, key)
     chosen = sites.select(pick)
@@ -337,7 +337,7 @@ def measures_of(parts: Parts) -> dict[str, float]:
 
 
 def _with_leaf_area(parts: Parts, area: float, key: int, where: str) -> Parts:
-    """As many leaves as make a leaf area: some left out, or set again, turned about their feet."""
+    """Meet a leaf area: leaves are left out, or set again, turned about their feet."""
     leaves, foot = parts.leaves, parts.foot
     areas = np.pi * leaves.radius**2
     have = len(leaves)

@@ -145,7 +145,7 @@ class _Grid:
 def _shares(
     place: np.ndarray, at: np.ndarray, key: np.ndarray, corners: np.ndarray, grid: _Grid
 ) -> Iterator[Part]:
-    """In which cells triangles lie, and with what share of their area.
+    """Cells in which triangles lie, and the share of their area in each.
 
     place, at : (3, V) vertices in edges, and their cells, whose numbers are ``key``. corners : (3, T).
     """
@@ -180,7 +180,7 @@ def _shares(
 
 
 def _of_pieces(pieces: np.ndarray, source: np.ndarray, grid: _Grid) -> Iterator[Part]:
-    """As ``_shares``, of triangles (T, axis, corner) that reach over more than one wall."""
+    """Cells and shares, as of ``_shares``, of triangles (T, axis, corner) over more than one wall."""
     share = np.ones(len(pieces))
     while len(pieces):
         low, high = (

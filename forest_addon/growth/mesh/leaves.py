@@ -58,7 +58,7 @@ class Leaves(RowTable):
 
     @classmethod
     def none(cls) -> Leaves:
-        """No leaves at all."""
+        """An empty set of leaves."""
         vectors, scalars = np.empty((0, 3)), np.empty(0)
         return cls(vectors, vectors, vectors, scalars, scalars, scalars, np.empty(0, np.int32))
 

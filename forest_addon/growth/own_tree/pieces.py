@@ -196,7 +196,7 @@ def assemble(
 
 
 def select(pieces: Pieces, chosen: np.ndarray) -> Pieces:
-    """Some pieces (C,) alone, in their order."""
+    """The chosen pieces (C,) alone, in their order."""
     number = np.cumsum(chosen) - 1
     vertex = chosen[pieces.piece_of_vertex]
     renumbered = (np.cumsum(vertex) - 1).astype(np.int32)

@@ -431,7 +431,7 @@ def _hung_texts(anatomy: Anatomy, grown: Grown, variety: float) -> Iterator[tupl
 
 
 def _moved(off: np.ndarray) -> str:
-    """From where the turtle is to a place (3,) in its frame, its frame as before."""
+    """Move the turtle to a place (3,) in its frame; the frame stays."""
     away = float(np.hypot(off[0], off[1]))
     text = _step("f", float(off[2]))
     if away > LEAST:
@@ -441,7 +441,7 @@ def _moved(off: np.ndarray) -> str:
 
 
 def _turned(matrix: np.ndarray) -> str:
-    """Into a frame given in the turtle's own (3, 3)."""
+    """Turn the turtle into a frame (3, 3) given in its present one."""
     angle = float(np.arctan2(np.hypot(matrix[0, 2], matrix[1, 2]), matrix[2, 2]))
     if np.rad2deg(angle) < LEAST:
         return _turn("\\", float(np.rad2deg(np.arctan2(matrix[1, 0], matrix[0, 0]))))

@@ -76,7 +76,7 @@ def distance_from(pieces: Pieces, roots: np.ndarray) -> np.ndarray:
 
 
 def band_width(pieces: Pieces) -> float:
-    """As fine as memory and the mesh bear."""
+    """Width of a band, as fine as memory and the mesh allow."""
     one, other = pieces.edges.T
     total = float(np.linalg.norm(pieces.vertices[one] - pieces.vertices[other], axis=1).sum())
     extent = float(np.ptp(pieces.vertices, axis=0).max())

@@ -62,7 +62,7 @@ class LeafSeats(RowTable):
 
     @classmethod
     def none(cls) -> LeafSeats:
-        """No leaves at all."""
+        """An empty set of leaves."""
         none = np.empty((0, 3))
         return cls(none, none, none, np.empty(0, np.int64))
 

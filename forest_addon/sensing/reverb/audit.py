@@ -120,7 +120,7 @@ class Channel:
 
     @cached_property
     def paths(self) -> TrunkPaths:
-        """By way of all trunks, also those that are left out."""
+        """Paths by way of all trunks, also those that are left out."""
         reverb, ends = self.pair.reverb, (self.pair.source[:2], self.pair.receiver[:2])
         upright = self.pair.losses is not None
         return trunk_paths(

@@ -66,14 +66,14 @@ class Trunks(RowTable):
         return len(self.radius)
 
     def clear_of(self, places: np.ndarray) -> Trunks:
-        """Those that cover none of the places (P, 2)."""
+        """Trunks that cover none of the places (P, 2)."""
         free = np.ones(len(self), dtype=bool)
         for place in places:
             free &= np.hypot(*(self.position - place).T) > self.radius
         return self.select(free)
 
     def with_others(self, *others: Trunks) -> Trunks:
-        """These trunks and after them the others'; which instance was cut is forgotten."""
+        """Join these trunks and, after them, the others; which instance was cut is forgotten."""
         every = (self, *others)
         return Trunks(
             position=np.concatenate([trunks.position for trunks in every]),
@@ -110,7 +110,11 @@ def trunks_at_height(
         transform = scene.transform[instance]
         segments = wood[scene.mesh_index[instance]].cut(transform, height)
         stems, thinner = _stems(segments, min_radius)
-        separate = _outermost(stems)
+        # those whose centre lies within a thicker one are not counted
+        separate: list[tuple[np.ndarray, float]] = []
+        for centre, radius in sorted(stems, key=lambda stem: -stem[1]):
+            if all(math.dist(centre, other) >= reach for other, reach in separate):
+                separate.append((centre, radius))
         thin += thinner
         inside += len(stems) - len(separate)
         found += [(int(instance), centre + transform[:2, 3], radius) for centre, radius in separate]
@@ -226,15 +230,6 @@ def _stems(segments: _Segments, min_radius: float) -> tuple[list[tuple[np.ndarra
         if radius >= min_radius:
             stems.append((centre, radius))
     return stems, len(length) - len(stems)
-
-
-def _outermost(stems: list[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
-    """The stems, thickest first, without those whose centre lies within a thicker one."""
-    kept: list[tuple[np.ndarray, float]] = []
-    for centre, radius in sorted(stems, key=lambda stem: -stem[1]):
-        if all(math.dist(centre, other) >= reach for other, reach in kept):
-            kept.append((centre, radius))
-    return kept
 
 
 # The least squares axis of a surface is trusted if the normals point along it by so much less (ratio of

@@ -135,7 +135,7 @@ class Equipment:
         return self.hears[ear if len(self.hears) > 1 else 0]
 
     def widened(self, width: float | None) -> Equipment:
-        """With Gaussian beams of another width (radians), where a pose has one."""
+        """A copy with Gaussian beams of another width (radians), where a pose has one."""
         if width is None or type(self.emit) is not GaussianBeam:
             return self
         emit = GaussianBeam((width, width))

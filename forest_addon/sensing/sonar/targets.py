@@ -244,7 +244,7 @@ class EchoTargets:
     def _placed(
         self, stand: _Stand, which: int, rows: np.ndarray, sight: Sight
     ) -> Iterator[tuple[Scatterers, np.ndarray]]:
-        """Some rows of a population as an instance has them in the world, with their motion."""
+        """Rows of a population as an instance has them in the world, with their motion."""
         instance, transform = int(stand.instance[which]), stand.transform[which]
         wind, motion, population = self._wind, self._motion, stand.population
         if wind is not None and wind.tree[self._known(instance)] >= 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import bpy
@@ -21,6 +21,7 @@ ACROSS = (
 )
 
 _icons: Any = None
+_over: dict[Callable[[], None], Any] = {}  # Blender's handles of what draws over views
 _seen_through: set[int] = set()  # areas whose views were made so by us
 
 
@@ -129,7 +130,12 @@ def show(context: bpy.types.Context, obj: bpy.types.Object) -> None:
             if hides.hide_viewport:
                 hides.hide_viewport = False
     if way and way[-1].exclude:
-        _include(way[-1])
+        home = way[-1]
+        within = list(_below(home))
+        excluded = [child.exclude for child in within]
+        home.exclude = False
+        for child, was in zip(within, excluded, strict=True):
+            child.exclude = was
     obj.hide_viewport = False
     if obj.name in layer.objects:
         obj.hide_set(False)
@@ -156,15 +162,6 @@ def _ways(home: bpy.types.LayerCollection, obj: bpy.types.Object) -> Iterator[Wa
 def _hidden(way: Way) -> int:
     """Number of switches along a way that hide the contents of the last collection."""
     return way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
-
-
-def _include(home: bpy.types.LayerCollection) -> None:
-    """Include a collection in its view layer, and none of those within, which Blender includes with it."""
-    within = list(_below(home))
-    excluded = [child.exclude for child in within]
-    home.exclude = False
-    for child, was in zip(within, excluded, strict=True):
-        child.exclude = was
 
 
 def _below(home: bpy.types.LayerCollection) -> Iterator[bpy.types.LayerCollection]:
@@ -272,6 +269,18 @@ def redraw_views() -> None:
     """Have every 3D view drawn anew."""
     for _, area in views():
         area.tag_redraw()
+
+
+def draw_over(draw: Callable[[], None], when: str = "POST_VIEW") -> None:
+    """Have every 3D view drawn over from now on; without windows nothing is."""
+    if not bpy.app.background:
+        _over[draw] = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", when)
+
+
+def draw_no_more(draw: Callable[[], None]) -> None:
+    """Have views drawn over by this no longer."""
+    if draw in _over:
+        bpy.types.SpaceView3D.draw_handler_remove(_over.pop(draw), "WINDOW")
 
 
 def line_shader() -> gpu.types.GPUShader:

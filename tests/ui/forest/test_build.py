@@ -468,7 +468,7 @@ def test_the_menu_is_there_and_offers_what_add_offers(registered):
             kind.draw(canvas(kind, self), None)
 
     menu = type("Menu", (), {"layout": Layout()})
-    start.FOREST_MT_new.draw(menu, None)
+    start.new.draw(menu, None)
     presets_offered = [entry.preset for entry in offered if hasattr(entry, "preset")]
     assert sorted(presets_offered) == sorted(["", *(file for file, _ in presets())])
 

@@ -390,7 +390,7 @@ class Entries:
 
 def listed():
     menu = type("Menu", (), {"layout": Entries()})()
-    panels.FOREST_MT_instruments.draw(menu, bpy.context)
+    panels.INSTRUMENTS.draw(menu, bpy.context)
     return {entry.text: entry.scanner for entry in menu.layout.shown}
 
 

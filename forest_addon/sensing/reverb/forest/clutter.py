@@ -138,7 +138,7 @@ class Clutter:
 
     @property
     def empty(self) -> bool:
-        """No branch, no leaf and no needle."""
+        """True if there is no branch, no leaf and no needle."""
         return not (np.any(self.length) or np.any(self.leaf_area) or np.any(self.needle_area))
 
     @property
@@ -344,7 +344,7 @@ class Takes:
 
 @dataclass(frozen=True)
 class Scatter:
-    """At one frequency.
+    """Scattering by the clutter at one frequency.
 
     scattered, absorbed : (Z,) share of the energy a metre, in each layer of the clutter.
     density : (ANGLES,) scattered share per steradian by angle from straight on, mean over heights; its

@@ -216,7 +216,7 @@ class _Packets:
         self.way[rows, 1] = x * np.sin(turn) + y * np.cos(turn)
 
     def turn_in_space(self, rows: np.ndarray, tables: _Tables, rng: np.random.Generator) -> None:
-        """By an angle of the table, any way round."""
+        """Turn directions by an angle drawn from the table, at any azimuth about them."""
         share = rng.random(len(rows)) * 511.999
         cell = share.astype(np.int64)
         low, high = (tables.turns[self.band[rows], each] for each in (cell, cell + 1))

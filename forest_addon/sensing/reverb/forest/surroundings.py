@@ -132,7 +132,10 @@ def _density(
 ) -> Density:
     cell = max(math.sqrt(CELL_HOLDS / mean), float(size.max()) / MOST_CELLS)
     shape = np.maximum(1, np.round(size / cell)).astype(np.int64)
-    counts = _counted(place, corner, cell, shape)
+    x, y = (np.floor((place[:, n] - corner[n]) / cell).astype(np.int64) for n in range(2))
+    inside = (x >= 0) & (x < shape[0]) & (y >= 0) & (y < shape[1])
+    counts = np.bincount(x[inside] * shape[1] + y[inside], minlength=int(shape.prod()))
+    counts = counts.reshape(shape).astype(np.float64)
     start = float(corner[0]), float(corner[1])
     if counts.var() <= UNEVEN * counts.mean():
         if beyond > 0:
@@ -142,14 +145,6 @@ def _density(
     cells = counts / cell**2 / max(share, 1e-9)
     cells *= mean / max(float(cells.mean()), 1e-30)
     return Density(cells, start, (cell, cell), beyond)
-
-
-def _counted(place: np.ndarray, corner: np.ndarray, cell: float, shape: np.ndarray) -> np.ndarray:
-    """(A, B) how many places (N, 2) are in each cell."""
-    x, y = (np.floor((place[:, n] - corner[n]) / cell).astype(np.int64) for n in range(2))
-    inside = (x >= 0) & (x < shape[0]) & (y >= 0) & (y < shape[1])
-    counts = np.bincount(x[inside] * shape[1] + y[inside], minlength=int(shape.prod()))
-    return counts.reshape(shape).astype(np.float64)
 
 
 def _hull(place: np.ndarray) -> float:

@@ -322,7 +322,7 @@ class _LevelPackets:
         rng: np.random.Generator,
         sent: Sequence[Sent],
     ) -> None:
-        """So many ``packets`` of each of these bands."""
+        """Send ``packets`` packets in each of these bands."""
         count = len(bands) * packets
         self.band = np.repeat(bands, packets)
         self.place = np.tile(np.asarray(source, np.float64), (count, 1))

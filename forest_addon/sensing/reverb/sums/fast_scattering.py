@@ -144,7 +144,7 @@ class Expansions:
         loss_at: Loss,
         progress: Progress | None,
     ) -> FastSum:
-        """By panels of frequency, but for loud trunks, which are summed exactly."""
+        """Sum by panels of frequency, but for loud trunks, which are summed exactly."""
         speed, bark = air.speed(), losses.bark if losses else 0.0
         bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
         loud = loud_trunks(paths, rate, count, loss_at, speed)
@@ -239,7 +239,7 @@ class Expansions:
 
 
 def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -> bool:
-    """Not where tolerances are finer, and trunks are thick."""
+    """True where filters serve: not for finer tolerances and thick trunks."""
     if radii.max(initial=0.0) > THICKEST:
         return False
     plain = losses is None or (losses.passes and not losses.among_leaves)

@@ -197,7 +197,7 @@ class _Panel:
         self.nodes = self.frequency[:0] if nodes is None else nodes
 
     def _nodes(self) -> tuple[np.ndarray | None, Shift]:
-        """As few as the thickest trunks need, with the better of two shifts."""
+        """The fewest nodes that the thickest trunks need, with the better of two shifts."""
         if len(self.frequency) <= FEW_BINS:
             return self.frequency, middle
         tried = self._spread(TRIED_NODES)

@@ -180,7 +180,7 @@ class PathGain:
         return np.asarray(gain * np.exp(-self.losses.along(frequency) * length))
 
     def _nodes(self, low: float, ratio: float, of: Values) -> np.ndarray:
-        """As few Chebyshev points in log x as serve at all frequencies."""
+        """The fewest Chebyshev points in log x that serve at all frequencies."""
         frequency = np.geomspace(min(LOWEST, self.highest), self.highest, TRIED)
         count = 24
         while True:
@@ -307,7 +307,7 @@ class AirFilter:
         return lifted
 
     def _lift_of(self, count: int) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-        """For T samples: transform, loss (F,), and the series' gains (Q, F) and shapes (Q, hop)."""
+        """Transform, loss (F,), and the series' gains (Q, F) and shapes (Q, hop), for T samples."""
         if count not in self._lifts:
             size = fft.next_fast_len(count + 2 * self._tail, real=True)
             loss = self._loss_at(np.arange(size // 2 + 1) * (self.rate / size))
