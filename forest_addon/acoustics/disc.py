@@ -114,8 +114,9 @@ def disc_amplitudes(
         library.piston_discs(*given, side, *_hankel().given[2:], amplitudes)
     else:
         late, table = np.full(len(radius), later), by_incidence()
-        steps = np.array(STEPS), MARGIN, table.shape[1]
-        library.exact_discs(*given, late, *steps, table, amplitudes)
+        library.exact_discs(
+            *(*given, late, np.array(STEPS), MARGIN, table.shape[1], table, amplitudes)
+        )
         large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
         if len(large):
             size, some = wavenumber[:, None] * radius[large], incidence[large]
@@ -181,8 +182,8 @@ def bound_tables(model: str) -> tuple[Any, ...]:
     """Arguments of the kernel that bounds discs: the model, its lobes, and its tables."""
     lobes = np.array(_lobes())
     maxima = bound_maxima() if model == "exact" else np.zeros((1, 1, 1), np.float32)
-    given = MODELS.index(model), lobes.shape[1], lobes, *_hankel().given[2:]
-    return *given, MARGIN, *maxima.shape[1:], maxima
+    tables = MARGIN, *maxima.shape[1:], maxima
+    return MODELS.index(model), lobes.shape[1], lobes, *_hankel().given[2:], *tables
 
 
 def _acute(incidence: ArrayLike) -> np.ndarray:

@@ -42,7 +42,6 @@ FALLS = np.geomspace(1e-6, 1e4, 2048)  # nepers over the turn
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
 SAMPLES = 128  # echoes that are measured, and of many more
-LIKE = 256.0  # steps of the turn of echoes, for its factor of e, within which they are alike
 SPARE = 12  # nodes beyond those that the farthest reaching of them should need
 RESOLVED = 0.01  # of the tolerance, that the last quarter of a series may hold
 FLAT = 3.0  # times what is left beyond two thirds of it: amplitudes are no smoother
@@ -149,8 +148,9 @@ def _planned(
     turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), loud.shape)
     total = float(loud.sum())
     chance = 0.5 / len(loud) + (0.5 / total) * loud  # of being drawn, over how many are
-    like = np.minimum(LIKE * np.log(turn / turn.min()), 65_535.0)
-    order = np.argsort(like.astype(np.uint16), kind="stable")  # ten times faster than of the turns
+    # By exponent and eight bits of a short float: ten times faster than by the turns, which are alike then.
+    like = (turn.astype(np.float32).view(np.uint32) >> 15).astype(np.uint16)
+    order = np.argsort(like, kind="stable")
     drawn = np.cumsum(chance[order])
     draws = min(SAMPLES + len(loud) // 256, len(loud))
     places = (np.arange(draws) + 0.5) / draws * drawn[-1]
@@ -283,8 +283,8 @@ class _Task:
             for begin in range(0, len(rows), step):
                 some = rows[begin : begin + step]
                 delay, weights = self.delay.take(some), self._weights.take(some, 0)[:, block]
-                turns, cycles = delay * self._spacing, delay * self._middle
-                largest = grid.add(turns, cycles, self.values(nodes, some), weights)
+                places = delay * self._spacing, delay * self._middle
+                largest = grid.add(*places, self.values(nodes, some), weights)
                 if block.start == 0:
                     self._interpolated += self._measure(largest)
             self._collect(grid, nodes, block)

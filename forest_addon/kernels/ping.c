@@ -227,20 +227,26 @@ static inline void hankel(int64_t cells, const double *table, double x, double *
     *imaginary /= root;
 }
 
-/* 2 J1(x)/x: by its power series, or from the Hankel function. */
-static inline double jinc(int64_t cells, const double *table, double x)
+/* 2 J1(x)/x, of at most a BLOCK: by its power series, or from the Hankel function. */
+static inline void jincs(int64_t some, int64_t cells, const double *table, const double *x, double *value)
 {
-    if (x >= 6.0) {
-        double real, imaginary, cosine, sine;
-        hankel(cells, table, x, &real, &imaginary);
-        turned_back(-x / TURN, &cosine, &sine);
-        return 2.0 * (real * cosine - imaginary * sine) / x;
+    double square[BLOCK];
+    for (int64_t i = 0; i < some; i++) {
+        square[i] = x[i] < 6.0 ? 0.25 * x[i] * x[i] : 0.0;
+        value[i] = 1.0;
     }
-    double square = 0.25 * x * x;
-    double sum = 1.0;
-    for (int n = 20; n > 0; n--)
-        sum = 1.0 - square * (1.0 / (double)(n * (n + 1))) * sum;
-    return sum;
+    for (int n = 20; n > 0; n--) {
+        double share = 1.0 / (double)(n * (n + 1));
+        for (int64_t i = 0; i < some; i++)
+            value[i] = 1.0 - square[i] * share * value[i];
+    }
+    for (int64_t i = 0; i < some; i++)
+        if (x[i] >= 6.0) {
+            double real, imaginary, cosine, sine;
+            hankel(cells, table, x[i], &real, &imaginary);
+            turned_back(-x[i] / TURN, &cosine, &sine);
+            value[i] = 2.0 * (real * cosine - imaginary * sine) / x[i];
+        }
 }
 
 void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
@@ -258,18 +264,25 @@ void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const 
         }
         for (int64_t q = 0; q < nodes; q++) {
             double *value = values + 2 * (q * count + begin);
+            double x[BLOCK], whole[BLOCK];
+            int64_t rims = 0;
             for (int64_t i = 0; i < some; i++) {
-                double x = wavenumber[q] * across[i];
+                x[i] = wavenumber[q] * across[i];
+                rims += side[begin + i] != 0;
+            }
+            if (rims < some)
+                jincs(some, cells, table, x, whole);
+            for (int64_t i = 0; i < some; i++) {
                 double level = face[i] * wavenumber[q];
                 double real = 0.0, imaginary = 0.0;
                 if (side[begin + i] == 0) {
                     value[2 * i] = 0.0;
-                    value[2 * i + 1] = level * jinc(cells, table, x);
+                    value[2 * i + 1] = level * whole[i];
                     continue;
                 }
-                hankel(cells, table, x, &real, &imaginary);
-                value[2 * i] = side[begin + i] * (level / x) * imaginary;
-                value[2 * i + 1] = level / x * real;
+                hankel(cells, table, x[i], &real, &imaginary);
+                value[2 * i] = side[begin + i] * (level / x[i]) * imaginary;
+                value[2 * i + 1] = level / x[i] * real;
             }
         }
     }
@@ -478,13 +491,12 @@ struct bounding {
     const float *maxima;
 };
 
-/* No |f|/cos of a disc by physical optics is larger in a band: k |J1(x)/x| at its ends, or where |J1| peaks between. */
-static inline double optics_bound(const struct bounding *by, double radius, double sine)
+/* No |f|/cos of a disc by physical optics is larger in a band: k |J1(x)/x| at its ends, lowest and highest, or where
+ * |J1| peaks between. */
+static inline double optics_bound(const struct bounding *by, double radius, double across, double lowest, double highest)
 {
-    double across = 2.0 * radius * sine;
     double low = by->lowest * across;
-    double largest = larger(by->highest * fabs(jinc(by->cells, by->hankel, by->highest * across)),
-                            by->lowest * fabs(jinc(by->cells, by->hankel, low)));
+    double largest = larger(by->highest * fabs(highest), by->lowest * fabs(lowest));
     int64_t next = low < 1e6 ? (int64_t)(2.0 * low / TURN) - 1 : by->peaks; /* peaks are half a turn apart, about */
     next = next > 0 ? next : 0;
     while (next < by->peaks && by->peak[next] < low)
@@ -494,11 +506,22 @@ static inline double optics_bound(const struct bounding *by, double radius, doub
     return 0.5 * radius * radius * largest;
 }
 
-static inline double piston_bound(const struct bounding *by, double radius, double angle)
+static inline void piston_bounds(const struct bounding *by, int64_t some, const double *radius, const double *angle,
+                                 double *bound)
 {
-    double sine, cosine;
-    turned_back(-angle / TURN, &cosine, &sine);
-    return cosine * optics_bound(by, radius, sine);
+    double across[BLOCK], x[BLOCK], lowest[BLOCK], highest[BLOCK];
+    for (int64_t i = 0; i < some; i++) {
+        double sine;
+        turned_back(-angle[i] / TURN, bound + i, &sine);
+        across[i] = 2.0 * radius[i] * sine;
+        x[i] = by->lowest * across[i];
+    }
+    jincs(some, by->cells, by->hankel, x, lowest);
+    for (int64_t i = 0; i < some; i++)
+        x[i] = by->highest * across[i];
+    jincs(some, by->cells, by->hankel, x, highest);
+    for (int64_t i = 0; i < some; i++)
+        bound[i] *= optics_bound(by, radius[i], across[i], lowest[i], highest[i]);
 }
 
 /* No |f| of the exact disc is larger in a band. */
@@ -524,10 +547,13 @@ static inline double exact_bound(const struct bounding *by, double radius, doubl
         bound = radius * larger(most[first * by->columns], most[last * by->columns]);
     }
     if (high > by->handover) {
-        double sine, cosine;
+        double sine, cosine, ends[2];
         turned_back(-angle / TURN, &cosine, &sine);
         double rim = 0.5 * TURN * low * sine;
-        bound = larger(bound, optics_bound(by, radius, sine) + 0.5 * radius * (rim > 1.0 ? 1.0 / sqrt(rim) : 1.0));
+        double x[2] = {2.0 * low * sine, 2.0 * high * sine};
+        jincs(2, by->cells, by->hankel, x, ends);
+        bound = larger(bound, optics_bound(by, radius, 2.0 * radius * sine, ends[0], ends[1])
+                                  + 0.5 * radius * (rim > 1.0 ? 1.0 / sqrt(rim) : 1.0));
     }
     return bound;
 }
@@ -630,9 +656,11 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
             if (model == PAPER)
                 for (int64_t i = 0; i < some; i++)
                     strength[i] = paper_bound(&by, turns, a[i], angle[i]);
+            else if (model == PISTON)
+                piston_bounds(&by, some, a, angle, strength);
             else
                 for (int64_t i = 0; i < some; i++)
-                    strength[i] = model == PISTON ? piston_bound(&by, a[i], angle[i]) : exact_bound(&by, a[i], angle[i]);
+                    strength[i] = exact_bound(&by, a[i], angle[i]);
             int64_t here = kept[0];
             for (int64_t i = 0; i < some; i++) {
                 double sum = x[i] + y[i] + z[i] + u[i] + v[i] + w[i] + a[i] + distance[i];

@@ -190,7 +190,9 @@ def _sum(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
 
 LATER = 1.0  # radii by which a disc's response that crosses its face is later than that of its rims
 PAPER_REACH = 0.3  # radii to both sides
-PAPER_TURN = 0.36  # radians at ka = 1 by which the fit's angle turns while the frequency doubles
+PAPER_TURN = (
+    0.45  # about radians at ka = 1 by which the fit's angle turns while the frequency doubles
+)
 GRAZING = (
     np.pi / 3
 )  # beyond it, the formula for large discs is up to 79 % off; they are faint there
@@ -234,9 +236,7 @@ class DiscStrength(Strength):
 
     def reach(self, wavenumber: float) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim
-            turn = (
-                PAPER_TURN * self.incidence * np.maximum(wavenumber * self.radius, 1e-3) ** -0.9065
-            )
+            turn = PAPER_TURN * self.incidence / np.maximum(wavenumber * self.radius, 1e-3)
             return PAPER_REACH * self.radius + turn / wavenumber
         rims = 2.0 * self.radius * np.sin(self.incidence)
         if self.model == "exact":

@@ -271,13 +271,16 @@ class EarAmplitudes:
 
     def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
         self._station, paths = station, group.paths
-        self._beams = station.equipment.emit, station.equipment.hear(ear)
-        leg = paths.leg[:, ear]
+        both, leg = [0, 1 + ear], paths.leg[:, ear]
         self.length = paths.distance + leg
-        sent, heard = paths.offset[:, 0].T, paths.offset[:, 1 + ear].T
-        terms = [self._beams[0].terms(*sent), self._beams[1].terms(*heard)]
+        steepness, offset = station.steepness[both], paths.offset[:, both]
+        steady = np.einsum("med,med,ed->m", offset, offset, np.nan_to_num(steepness))
+        self._level = group.shade * np.exp(steady) / (paths.distance * leg)
+        beams = station.equipment.emit, station.equipment.hear(ear)
+        changing = np.flatnonzero(np.isnan(steepness).any(axis=1)).tolist()
+        self._beams = [beams[end] for end in changing]
+        terms = [beams[end].terms(*offset[:, end].T) for end in changing]
         self._terms = np.concatenate([*terms, -self.length[None]])
-        self._level = group.shade / (paths.distance * leg)
         strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
         self.whole = strength.whole()
 

@@ -221,8 +221,10 @@ class Station:
         library = kernels.library()
         if library is not None:
             paths = EchoPaths.empty(len(centre), len(ends))
-            given = len(centre), np.ascontiguousarray(centre), len(ends), ends, frames
-            library.trace_paths(*given, *vars(paths).values())
+            library.trace_paths(
+                *(len(centre), np.ascontiguousarray(centre), len(ends), ends, frames),
+                *vars(paths).values(),
+            )
             return paths
         with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is told by who asks
             ways = centre - ends[:, None]

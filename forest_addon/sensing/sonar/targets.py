@@ -138,8 +138,7 @@ class EchoTargets:
 
         point : (3,) where the sonar is. lowest, highest : wavenumbers of the band.
         """
-        whole, far = np.empty(0, np.int64), 0
-        none = np.empty((3, 0))
+        whole, none, far = np.empty(0, np.int64), np.empty((3, 0)), 0
         found = [Candidates(whole, whole, whole, none.T, none[0], whole, none[0], none[0])]
         for number, stand in enumerate(self.stands(sonar)):
             blocks = stand.population.blocks
