@@ -30,8 +30,7 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
     """Draw the map of a stand with its outline, contours of the ground and numbers of trees."""
     low, high = corners_of(settings.forest)
     wide, tall = high - low
-    height = float(np.clip(8.6 * tall / wide, 3.2, 9.5))
-    figure = blank_figure((11, height))
+    figure = blank_figure((11, float(np.clip(8.6 * tall / wide, 3.2, 9.5))))
     axes = figure.add_subplot()
     strip = stand_map(stand, settings, inputs).strips[0]
     axes.imshow(strip.pixels, extent=_extent(low, high), origin="lower", zorder=0)

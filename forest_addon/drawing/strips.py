@@ -190,8 +190,7 @@ def by_distance(title: str, distance: np.ndarray, up: Axis) -> Strip:
     """Distances (H, W) coloured by their logarithm, enlarged or thinned to the size of two strips."""
     high, wide = distance.shape
     rows = (np.arange(2 * HIGH) * high) // (2 * HIGH)
-    columns = (np.arange(WIDE) * wide) // WIDE
-    there = distance[np.ix_(rows, columns)]
+    there = distance[np.ix_(rows, (np.arange(WIDE) * wide) // WIDE)]
     known = np.isfinite(there)
     if not known.any():
         return Strip(title, np.broadcast_to(PAPER, (*there.shape, 3)), up)

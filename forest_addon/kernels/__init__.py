@@ -106,7 +106,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     ),
     "lay_echoes": (
         [
-            *(_count, _doubles, _doubles, _count, _complexes, _count, _doubles),
+            *(_count, _doubles, _doubles, _count, _complexes, _count, _count, _count, _doubles),
             *(_count, _count, _doubles, _count, _complexes, _doubles),
         ],
         None,

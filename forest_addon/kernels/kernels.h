@@ -153,7 +153,7 @@ KERNEL void open_leaves(int64_t blocks, const int64_t *first, const int64_t *las
  * count      echoes; nodes: complex values of each; sums: grids
  * place      (count) grid points, from 0 to ``size``; what lies before point 0 goes ``size`` points later
  * cycles     (count)
- * heights    (nodes, count) complex
+ * heights    complex: of node r of echo i at r * node_step + i * echo_step
  * weights    (count, sums) of the echoes in each grid
  * taps_of    (powers, width) polynomials of the taps in twice the offset from the middle between two points,
  *            highest power first; ``width`` is at most 24
@@ -161,7 +161,7 @@ KERNEL void open_leaves(int64_t blocks, const int64_t *first, const int64_t *las
  * largest    (count) size of the largest of the heights of each
  */
 KERNEL void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
-                       int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
+                       int64_t node_step, int64_t echo_step, int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
                        int64_t size, double *grid, double *largest);
 
 /* Rays of beams (B,), beam by beam, at places (S, 2) x, y across each: from start + x * exit_x + y * exit_y along

@@ -101,7 +101,7 @@ static inline double logarithm(double x)
 }
 
 void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
-                int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
+                int64_t node_step, int64_t echo_step, int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
                 int64_t size, double *grid, double *largest)
 {
     int64_t columns = (nodes + TOGETHER - 1) / TOGETHER * TOGETHER;
@@ -124,7 +124,7 @@ void lay_echoes(int64_t count, const double *place, const double *cycles, int64_
         for (int64_t begin = 0; begin < columns; begin += TOGETHER) {
             double turned[2 * TOGETHER] = {0.0};
             for (int64_t r = begin; r < nodes && r < begin + TOGETHER; r++) {
-                const double *height = heights + 2 * (r * count + i);
+                const double *height = heights + 2 * (r * node_step + i * echo_step);
                 most = larger(most, height[0] * height[0] + height[1] * height[1]);
                 turned[2 * (r - begin)] = height[0] * cosine - height[1] * sine;
                 turned[2 * (r - begin) + 1] = height[0] * sine + height[1] * cosine;

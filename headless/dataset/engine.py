@@ -45,7 +45,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import module_from_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
@@ -68,7 +68,7 @@ DISK = (
 )
 
 
-class WorkerJob(Protocol):
+class WorkerJob:
     """Work of one process, and how much it may take: bytes of memory, threads that cast rays.
 
     number : of the job; the lowest are done first. name : of what it makes, in messages.
@@ -77,32 +77,26 @@ class WorkerJob(Protocol):
     running: Running
     memory: float
     threads: int
-
-    @property
-    def number(self) -> int: ...
-
-    @property
-    def name(self) -> str: ...
+    number: int
+    name: str
 
     def is_done(self) -> bool:
-        """Return whether another worker has finished it meanwhile."""
-        ...
+        """Return whether another worker has finished it meanwhile; False: that is not known."""
+        return False
 
     def make(self, session: Any) -> dict[str, float]:
         """Do it, in a process with Blender; returns CPU seconds of each stage."""
-        ...
+        raise NotImplementedError
 
     def note(self, outcome: SceneOutcome) -> None:
-        """Write down how it went."""
-        ...
+        """Write down how it went, where what is made does not say so itself."""
 
     def smaller(self) -> WorkerJob | None:
         """Return the same work in parts that need less memory; None: it cannot be cut."""
-        ...
 
 
 @dataclass(frozen=True)
-class SceneJob:
+class SceneJob(WorkerJob):
     """A scene of the dataset in the folder ``root``, as a ``WorkerJob``."""
 
     root: Path
@@ -156,9 +150,6 @@ class SceneJob:
         status |= {} if done else {"kind": outcome.kind, "why": outcome.why}
         status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
         disk.write_status(self.root, self.recipe.number, status)
-
-    def smaller(self) -> None:
-        """See ``WorkerJob``."""
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,8 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
     head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
     write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
     rows = make_scenes(plan, wanted, missing, out, asked)
-    _describe(plan, wanted, out, bool(missing))
+    if missing or not (out / "README.md").is_file():
+        write_card(plan, wanted, out)
     if asked.store is not None:
         copy_to(asked.store, out)
     lost = [row for row in rows if row["status"] != "done"]
@@ -208,10 +209,3 @@ def _named(scenes: Sequence[str]) -> str:
     shown = ", ".join(scenes[:NAMED])
     more = f" and {len(scenes) - NAMED} more" if len(scenes) > NAMED else ""
     return f"scene{'s' if len(scenes) > 1 else ''} {shown}{more}"
-
-
-def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, changed: bool) -> None:
-    """The data card with its pictures, which say what is there now."""
-
-    if changed or not (out / "README.md").is_file():
-        write_card(plan, wanted, out)

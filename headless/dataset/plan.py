@@ -570,8 +570,7 @@ def split_of(plan: Plan, number: int) -> str:
         sites = _dealt([base.name for base in plan.bases], plan, "site")
         name = _base_of(plan, number).name
         return next(split for split, mine in sites.items() if name in mine)
-    start = stream(plan.head.seed, "split").random()
-    place = (start + number * GOLDEN) % 1.0
+    place = (stream(plan.head.seed, "split").random() + number * GOLDEN) % 1.0
     ends = np.cumsum([getattr(plan.splits, split) for split in SPLITS])
     return SPLITS[min(int(np.searchsorted(ends, place, "right")), 2)]
 

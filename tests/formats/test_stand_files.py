@@ -89,19 +89,6 @@ def saved(path, array, mode=None):
     return path
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tif"])
-def test_black_is_0_and_white_is_1_at_any_depth(tmp_path, suffix):
-    grey = np.array([[0, 51, 255]], dtype=np.uint8)
-    expected = pytest.approx(np.array([[0, 0.2, 1]]))
-    assert read_raster(saved(tmp_path / f"a{suffix}", grey)).pixels == expected
-    assert read_raster(saved(tmp_path / f"b{suffix}", grey, "RGB")).pixels == expected
-    assert read_raster(saved(tmp_path / f"c{suffix}", grey, "LA")).pixels == expected
-    deep = np.array([[0, 13107, 65535]], dtype=np.uint16)
-    assert read_raster(saved(tmp_path / f"d{suffix}", deep)).pixels == expected
-    bit = np.array([[0, 0, 255]], dtype=np.uint8)
-    assert read_raster(saved(tmp_path / f"e{suffix}", bit, "1")).pixels.tolist() == [[0, 0, 1]]
-
-
 def test_arrays_and_float_images_count_as_they_are(tmp_path):
     values = np.array([[0.5, -3.25], [1e4, 7]], dtype=np.float32)
     np.save(tmp_path / "a.npy", values)

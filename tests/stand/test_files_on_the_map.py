@@ -443,7 +443,7 @@ def test_nodata_is_no_weight_up_to_the_edge_of_its_pixels(tmp_path, kind, hole, 
     x, y = place.T
     empty = (x > 6) & (x < 12) & (y < 16) & (y > 11)
     assert found.at(place) == pytest.approx(np.where(empty, 0.0, 3.0))
-    assert found.expected() == pytest.approx(3 * (400 - 30), rel=2e-3)
+    assert found.expected == pytest.approx(3 * (400 - 30), rel=2e-3)
 
 
 def test_classes_are_numbers_that_a_threshold_parts(tmp_path):
@@ -465,4 +465,4 @@ def test_percent_weigh_as_numbers(tmp_path):
     found = process(tmp_path, pixels, planting)
     low, high = found.at(np.array([[12.0, 12.0], [20.0, 12.0]]))
     assert high / low == pytest.approx(3)
-    assert found.expected() == pytest.approx(30)
+    assert found.expected == pytest.approx(30)

@@ -50,8 +50,7 @@ def awake(echoes: WaveformEchoes, dead_zone: float) -> np.ndarray:
     seen = np.zeros(len(rows), dtype=bool)
     by_rank = np.argsort(rank, kind="stable")
     for here in np.split(by_rank, np.cumsum(np.bincount(rank))[:-1]):
-        begin = start[here]
-        seen[here] = echoes.distance[here] >= blind_until[begin]
+        seen[here] = echoes.distance[here] >= blind_until[start[here]]
         told = here[seen[here]]
         blind_until[start[told]] = echoes.distance[told] + dead_zone
     return np.flatnonzero(seen)

@@ -44,8 +44,7 @@ def region_below(
     """The 3D view below the mouse at (x, y) of a window and its region there, of four views the one that it
     is; the first view where there is none below."""
     areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
-    below = [area for area in areas if holds(area, x, y)]
-    area = next(iter(below or areas), None)
+    area = next(iter([area for area in areas if holds(area, x, y)] or areas), None)
     regions = [r for r in area.regions if r.type == "WINDOW" and r.width > 1] if area else []
     return area, next((r for r in regions if holds(r, x, y)), next(iter(regions), None))
 

@@ -208,8 +208,7 @@ def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:
 def _leaves(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
     """(L, 3) centres of some triangles, and (L,) m² that each stands for; not of shoots of needles."""
     rows = np.flatnonzero((mesh.part == LEAF) & ~shoot_triangles(mesh))
-    step = max(1, len(rows) // MOST)
-    corners = mesh.vertices[mesh.triangles[rows[::step]]]
+    corners = mesh.vertices[mesh.triangles[rows[:: max(1, len(rows) // MOST)]]]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = 0.5 * np.linalg.norm(across, axis=1)
     share = len(rows) / max(1, len(size))

@@ -262,8 +262,7 @@ def tail_of(
             _diffused(start, phase, density, edges)
             for start, phase in zip(transported_bands(phases, *given), phases, strict=True)
         ]
-    taken = replace(losses, extinction=way).removed(bands)
-    lift = taken - losses.removed(bands)
+    lift = replace(losses, extinction=way).removed(bands) - losses.removed(bands)
     turned, in_space = None, np.zeros(1)
     if not clutter.empty:
         layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)
