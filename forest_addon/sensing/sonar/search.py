@@ -147,7 +147,7 @@ class _Finder:
             self._add(made, instance, motion)
 
     def _open_leaves(self, library: Any, runs: list[tuple[Any, ...]]) -> None:
-        """As ``open``, of ``EchoTargets.still_leaves``, by the kernel."""
+        """Open blocks of ``EchoTargets.still_leaves`` by the kernel."""
         station, sonar, (places, frames) = self._station, self._station.sonar, self._station.ends
         told = (
             *(sonar.near_limit, sonar.max_range, 0.5 * sonar.near_limit * (station.apart > 0)),
