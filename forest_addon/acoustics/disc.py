@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +32,16 @@ from scipy import special
 
 from .. import kernels
 from .chebyshev import Cubics
-from .disc_table import HANDOVER, LAST, tabulated, tabulated_bound, tabulated_by_kernel
+from .disc_table import (
+    HANDOVER,
+    LAST,
+    MARGIN,
+    STEPS,
+    bound_maxima,
+    by_incidence,
+    tabulated,
+    tabulated_bound,
+)
 
 MODELS = ("paper", "piston", "exact")
 
@@ -56,14 +66,11 @@ def backscatter(ka: ArrayLike, incidence: ArrayLike, model: str = "exact") -> np
 
 def backscatter_amplitude(ka: ArrayLike, incidence: ArrayLike, model: str = "exact") -> np.ndarray:
     """The complex k·f of ``backscatter`` under e^{+iωt}; same arguments."""
-    size = np.asarray(ka, dtype=np.float64)
-    turned = np.mod(np.asarray(incidence, dtype=np.float64), math.pi)
-    angle = np.asarray(np.minimum(turned, math.pi - turned))  # to either face, on either side
+    size, angle = np.asarray(ka, dtype=np.float64), _acute(incidence)
     if model == "exact":
         return _exact(size, angle)
     if model == "piston":
-        # of physical optics, negative in every other side lobe
-        return 1j * (0.5 * size**2 * np.cos(angle) * jinc(2.0 * size * np.sin(angle)))
+        return 1j * _piston(size, angle)
     if model == "paper":
         return _paper(size, angle)
     raise _unknown(model, MODELS)
@@ -106,8 +113,10 @@ def disc_amplitudes(
         side = np.zeros(len(radius), np.int8) if side is None else side
         library.piston_discs(*given, side, *_hankel().given[2:], amplitudes)
     else:
-        late = np.full(len(radius), later)
-        tabulated_by_kernel(library, *given, late, amplitudes)
+        late, table = np.full(len(radius), later), by_incidence()
+        library.exact_discs(
+            *(*given, late, np.array(STEPS), MARGIN, table.shape[1], table, amplitudes)
+        )
         large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
         if len(large):
             size, some = wavenumber[:, None] * radius[large], incidence[large]
@@ -169,6 +178,20 @@ def amplitude_bound(
     return bound
 
 
+def bound_tables(model: str) -> tuple[Any, ...]:
+    """Arguments of the kernel that bounds discs: the model, its lobes, and its tables."""
+    lobes = np.array(_lobes())
+    maxima = bound_maxima() if model == "exact" else np.zeros((1, 1, 1), np.float32)
+    tables = MARGIN, *maxima.shape[1:], maxima
+    return MODELS.index(model), lobes.shape[1], lobes, *_hankel().given[2:], *tables
+
+
+def _acute(incidence: ArrayLike) -> np.ndarray:
+    """Angles folded to 0 … π/2: either face, either side of the normal."""
+    turned = np.mod(np.asarray(incidence, dtype=np.float64), math.pi)
+    return np.asarray(np.minimum(turned, math.pi - turned))
+
+
 def jinc(x: ArrayLike) -> np.ndarray:
     """2·J₁(x)/x, 1 at x = 0."""
     size = np.maximum(np.abs(np.asarray(x, dtype=np.float64)), 1e-9)  # 1 to rounding, and not 0/0
@@ -195,6 +218,11 @@ def _large(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
         -0.5 * ka * np.cos(angle) ** 2
     )  # at grazing what crosses the face cancels it
     return value
+
+
+def _piston(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """k·f/i of physical optics; negative in every other side lobe."""
+    return 0.5 * ka**2 * np.cos(angle) * jinc(2.0 * ka * np.sin(angle))
 
 
 def _piston_bound(

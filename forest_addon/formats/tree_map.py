@@ -103,7 +103,6 @@ GONE = (  # with letters of ForestGEO and numbers of FIA
 YES = ("1", "true", "t", "yes", "y", "ja", "oui", "wahr", "vrai", "x", "dead")
 NO = ("0", "false", "f", "no", "n", "nein", "non", "falsch", "faux", "dead")
 LIVING = ("alive", "live", "lebend", "vivant")
-KNOWN = {*GONE, *YES, *NO, *LIVING, "", "a", "l", "p"}  # of other words it is said that they live
 MOST = 500_000_000  # bytes of a table
 PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
 LIKE = 0.8  # of a column's name, beyond which it is a slip of the keyboard
@@ -207,7 +206,12 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     groups = [*zip(sheet.texts("plot"), sheet.texts("census"), strict=True)]
     species = np.array(sheet.texts("species"), dtype=np.str_)
     numbers = np.column_stack([found[key] for key in NUMBERS]).reshape(-1, len(NUMBERS))
-    here, alive = np.isfinite(position).all(axis=1), ~_dead(sheet)
+    here = np.isfinite(position).all(axis=1)
+    told = [text.casefold().partition(",")[0].strip() for text in sheet.texts("status")]
+    if others := sorted({*told} - {*GONE, *YES, *NO, *LIVING, "", "a", "l", "p"})[:STEMS]:
+        sheet.said.append(f"{path.name}: taken for living: status {', '.join(others)}")
+    words = {"dead": YES, "tot": YES, "mort": YES} | dict.fromkeys(LIVING, NO)
+    alive = ~np.isin(told, words.get(sheet.name("status"), GONE))
     for rows, what in ((~here, "without x or y"), (here & ~alive, "of dead trees")):
         if rows.any():
             count = "1 row" if rows.sum() == 1 else f"{rows.sum():,} rows"
@@ -358,15 +362,6 @@ def _position(sheet: _Sheet) -> np.ndarray:
         )
     sheet.said.append("x and y follow from distance and azimuth, clockwise from north")
     return place + distance[:, None] * np.column_stack([np.sin(azimuth), np.cos(azimuth)])
-
-
-def _dead(sheet: _Sheet) -> np.ndarray:
-    """(N,) bool, which rows say that their tree is dead or gone."""
-    told = [text.casefold().partition(",")[0].strip() for text in sheet.texts("status")]
-    if others := sorted({*told} - KNOWN)[:STEMS]:
-        sheet.said.append(f"{sheet.path.name}: taken for living: status {', '.join(others)}")
-    name = sheet.name("status")
-    return np.isin(told, YES if name in ("dead", "tot", "mort") else NO if name in LIVING else GONE)
 
 
 def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, str]:

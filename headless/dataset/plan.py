@@ -303,25 +303,21 @@ def read_plan(path: Path, overrides: Sequence[str] = ()) -> Plan:
     tables, written = without_version(read_tables(path), str(path))
     try:
         for said in overrides:
-            _override(tables, said)
+            key, equals, value = said.partition("=")
+            if not equals:
+                raise SpecError("--set", f'"{said}" must be KEY=VALUE')
+            try:
+                parsed = parse_tables(f"value = {value}", "--set")["value"]
+            except SpecError:
+                parsed = value
+            key = key.strip()
+            if key.startswith("vary."):  # what follows is one key, dots and all
+                tables.setdefault("vary", {})[key.removeprefix("vary.")] = parsed
+            else:
+                put(tables, key, parsed)
         return _plan(path, tables)
     except SpecError as problem:
         raise SpecError(str(path), f"{problem.key}: {problem.problem}{later(written)}") from None
-
-
-def _override(tables: dict[str, Any], said: str) -> None:
-    key, equals, value = said.partition("=")
-    if not equals:
-        raise SpecError("--set", f'"{said}" must be KEY=VALUE')
-    try:
-        parsed = parse_tables(f"value = {value}", "--set")["value"]
-    except SpecError:
-        parsed = value
-    key = key.strip()
-    if key.startswith("vary."):  # what follows is one key, dots and all
-        tables.setdefault("vary", {})[key.removeprefix("vary.")] = parsed
-    else:
-        put(tables, key, parsed)
 
 
 def _plan(path: Path, tables: dict[str, Any]) -> Plan:
