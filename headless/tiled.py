@@ -37,7 +37,7 @@ from forest_addon.tiles import LEVELS, TileGrid, seconds_of_pulses
 
 from .catalogue import write_catalogue
 from .command import DoubtfulError, IncompleteError
-from .dataset.engine import Cluster, SceneOutcome, make_all
+from .dataset.engine import Cluster, SceneOutcome, WorkerJob, make_all
 from .dataset.estimate import Estimate, Trial
 from .dataset.settings import Running
 from .progress import Stages, hushed, peak_memory_mb
@@ -204,7 +204,7 @@ def run_in_tiles(
 
 
 @dataclass(frozen=True)
-class TileJob:
+class TileJob(WorkerJob):
     """A piece of the scans of a run in tiles, as a ``WorkerJob`` of the engine.
 
     scene, folder : as of ``run_in_tiles``. out : where the run's pieces are. sensors : names of those that
@@ -228,10 +228,6 @@ class TileJob:
         grid = TileGrid.of(self.scene.forest, self.scene.tiles.size)
         return f"tile {grid.name(self.number // LEVELS)}"
 
-    def is_done(self) -> bool:
-        """See ``WorkerJob``; only who has planned the field knows."""
-        return False
-
     def make(self, session: Any) -> dict[str, float]:
         """See ``WorkerJob``."""
         rays = self.scene.rays.changed(threads=self.threads)
@@ -251,9 +247,6 @@ class TileJob:
         planned = time.process_time()
         make_piece(scans, self.number, self.cuts, self.store)
         return {"plan": planned - start, "sensors": time.process_time() - planned}
-
-    def note(self, outcome: SceneOutcome) -> None:
-        """See ``WorkerJob``; the piece itself says it."""
 
     def smaller(self) -> TileJob | None:
         """See ``WorkerJob``."""

@@ -185,5 +185,4 @@ def _to_triangles(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
         share = np.einsum("ti,ti->t", away, edge) / np.where(square > 0, square, 1.0)
         left = away - np.clip(share, 0.0, 1.0)[:, None] * edge
         nearest = np.minimum(nearest, np.linalg.norm(left, axis=1))
-    height = np.abs(np.einsum("ti,ti->t", point - a, normal))
-    return np.where(over, height, nearest)
+    return np.where(over, np.abs(np.einsum("ti,ti->t", point - a, normal)), nearest)

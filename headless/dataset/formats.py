@@ -86,26 +86,21 @@ def scans_of(one: Done) -> Iterator[LabelledScan]:
                 str(one.folder),
                 f"{name} has no classes: make the dataset with keep.for_instance = true",
             )
-        cloud = read_las(path)
-        sensor = sensors[name]
+        cloud, sensor = read_las(path), sensors[name]
+        level = np.ones(len(cloud.points))  # where no file tells
+        if (one.folder / f"{name}.laz").is_file():
+            level = np.asarray(read_las(one.folder / f"{name}.laz").intensity) / 65535.0
         stands = offset + sensor["position"] if sensor["kind"] == "terrestrial" else None
         yield LabelledScan(
             scene=one.number,
             split=one.record["split"],
             name=name,
             place=np.asarray(cloud.xyz),
-            level=_levels(one.folder, name, len(cloud.points)),
+            level=level,
             classes=np.asarray(cloud.classification, dtype=np.uint8),
             tree=np.asarray(cloud["treeID"], dtype=np.int32),
             stands=stands,
         )
-
-
-def _levels(folder: Path, name: str, count: int) -> np.ndarray:
-    """Return strengths of echoes, as LAS has them, between 0 and 1; 1 where no file tells."""
-    if (folder / f"{name}.laz").is_file():
-        return np.asarray(read_las(folder / f"{name}.laz").intensity) / 65535.0
-    return np.ones(count)
 
 
 MOST_TREES = 2**16 - 1  # that a label's upper half can name
@@ -275,24 +270,16 @@ def write_s3dis(done: Sequence[Done], out: Path) -> int:
         tree = np.concatenate([scan.tree for scan in scans]).astype(np.int64)
         key = tree * len(CLASSES) + label
         turn = np.argsort(key, kind="stable")
-        lines = _lines(place[turn], grey[turn])
-        _write(room / f"{room.name}.txt", lines)
+        levels = grey[turn].round().astype(int).tolist()
+        rows = zip(*place[turn].T.tolist(), levels, strict=True)
+        lines = [f"{x:.3f} {y:.3f} {z:.3f} {g} {g} {g}" for x, y, z, g in rows]
+        _write_text(room / f"{room.name}.txt", lines)
         keys_found, first = np.unique(key[turn], return_index=True)
         ends = [*first[1:].tolist(), len(key)]
         for what, start, end in zip(keys_found.tolist(), first.tolist(), ends, strict=True):
             name = f"{WORDS[what % len(CLASSES)]}_{what // len(CLASSES)}.txt"
-            _write(room / "Annotations" / name, lines[start:end])
+            _write_text(room / "Annotations" / name, lines[start:end])
     return len(done)
-
-
-def _lines(place: np.ndarray, grey: np.ndarray) -> list[str]:
-    levels = grey.round().astype(int).tolist()
-    rows = zip(*place.T.tolist(), levels, strict=True)
-    return [f"{x:.3f} {y:.3f} {z:.3f} {g} {g} {g}\n" for x, y, z, g in rows]
-
-
-def _write(path: Path, lines: Sequence[str]) -> None:
-    write_whole(path, "".join(lines))
 
 
 FORMATS: dict[str, Callable[[Sequence[Done], Path], int]] = {

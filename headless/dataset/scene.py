@@ -50,12 +50,13 @@ from forest_addon.stand.forest import (
     leaf_table,
     voxel_arrays,
 )
+from forest_addon.stand.intensity.surface import Heightmap
 from forest_addon.stand.plan import LOW, labels
 from forest_addon.stand.wind import sway_of
 
 from ..progress import hushed
 from .for_instance import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance
-from .place import FILE, heights_of, place_sensors, terrain_of
+from .place import FILE, heights_of, place_sensors
 from .plan import Recipe
 from .settings import Ground, Keep, Placing
 
@@ -212,7 +213,7 @@ def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
         site = replace(
             site,
             scene=site.scene.changed(forest=field.changed(terrain=floor)),
-            inputs=replace(site.inputs, terrain=terrain_of(heights, low, size)),
+            inputs=replace(site.inputs, terrain=Heightmap(heights, low, size, FILE)),
         ).roughened()
     rules = [Placing(**one) for one in recipe.places]
     stand = site.plan()

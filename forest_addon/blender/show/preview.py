@@ -301,8 +301,7 @@ def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarr
     corner = np.arange(CORNERS)
     after = (corner + 1) % CORNERS
     faces = np.stack([corner, after, CORNERS + after, CORNERS + corner], axis=1)
-    top = np.column_stack([around, ridge])
-    return np.concatenate([foot, top]), faces
+    return np.concatenate([foot, np.column_stack([around, ridge])]), faces
 
 
 NAME = "Forest undergrowth"
@@ -535,8 +534,7 @@ def render_sheet(
     sky.inputs["Strength"].default_value = 0.8
     scene.render.film_transparent = True
     scene.render.image_settings.color_mode = "RGBA"
-    output = spec.Output(preview_samples=samples)
-    render(scene, output, path, progress)
+    render(scene, spec.Output(preview_samples=samples), path, progress)
     return cells
 
 

@@ -56,8 +56,7 @@ def show_flights(
 
             moved = np.append(True, np.linalg.norm(np.diff(track.position, axis=0), axis=1) > 1e-6)
             place, near = track.position[moved], track.nearest[moved]
-            sides = 6
-            vertices, triangles = tube(place, np.full(len(place), THICK), sides)
+            vertices, triangles = tube(place, np.full(len(place), THICK), 6)
             data = bpy.data.meshes.new(f"{label} trail")
             data.from_pydata(vertices.tolist(), [], triangles.tolist())
             shade = colours(near)

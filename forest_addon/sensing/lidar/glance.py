@@ -150,7 +150,9 @@ def outline(sensor: Any) -> np.ndarray:
         Tractor: fan_outline,
         Terrestrial: sweep_outline,
         Airborne: strips_outline,
-        Mobile: poses_outline,
+        Mobile: lambda scanner: chain(
+            np.array([pose.position for pose in scanner.poses]).reshape(-1, 3)
+        ),
     }
     return drawn[type(sensor)](sensor)
 
@@ -203,8 +205,3 @@ def strips_outline(flight: Airborne) -> np.ndarray:
         foot = start + np.tan(edges)[:, None] * height * right - [0.0, 0.0, height]
         parts += [chain(ends), rays_to(start, foot), chain(foot)]
     return np.concatenate(parts)
-
-
-def poses_outline(scanner: Mobile) -> np.ndarray:
-    """The path through the poses of a moving scanner."""
-    return chain(np.array([pose.position for pose in scanner.poses]).reshape(-1, 3))

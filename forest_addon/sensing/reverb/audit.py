@@ -64,8 +64,7 @@ def parts_of_response(
     pairs, hearing : what was asked for (``response.pairs_of``). expansions : what the response was made with.
     """
     count, wide = len(pairs), len(hearing.names)
-    told = {"channels": len(found.channels)}
-    parts = [figures(told, {"channels": count * wide})]
+    parts = [figures({"channels": len(found.channels)}, {"channels": count * wide})]
     if len(found.channels) != count * wide:
         return parts
     chosen = np.unique(np.linspace(0, count - 1, max(1, int(share * count))).astype(int))

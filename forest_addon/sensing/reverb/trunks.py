@@ -212,8 +212,7 @@ def _components(edge: np.ndarray) -> np.ndarray:
     graph = sparse.coo_matrix(
         (np.ones(len(node), np.int8), (node[:, 0], node[:, 1])), shape=(len(names), len(names))
     )
-    label = csgraph.connected_components(graph, directed=False)[1]
-    return label[node[:, 0]]
+    return csgraph.connected_components(graph, directed=False)[1][node[:, 0]]
 
 
 def _stems(segments: _Segments, min_radius: float) -> tuple[list[tuple[np.ndarray, float]], int]:
@@ -316,9 +315,7 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
     ordered = sorted(set(map(tuple, points.tolist())))
     if len(ordered) < 3:
         return np.array(ordered).reshape(-1, 2)
-    lower = _chain(ordered)
-    upper = _chain(ordered[::-1])
-    return np.array(lower[:-1] + upper[:-1])
+    return np.array(_chain(ordered)[:-1] + _chain(ordered[::-1])[:-1])
 
 
 def _chain(points: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -421,8 +418,7 @@ def continue_trunks(
     position = centre + rng.uniform(-distance, distance, (count, 2))
     radius = radii[rng.integers(0, len(radii), count)] if len(radii) else np.empty(0)
     outside = np.any((position < corner) | (position > corner + size), axis=1)
-    near = np.hypot(*(position - centre).T) <= distance
-    keep = outside & near
+    keep = outside & (np.hypot(*(position - centre).T) <= distance)
     beyond = Trunks(position[keep], radius[keep], np.full(int(keep.sum()), -1, dtype=np.int64))
     return beyond if clear is None else beyond.clear_of(clear)
 

@@ -298,11 +298,13 @@ _in_rows = _part("rows", "Orchard Rows", (), "rows")
 _in_list = _part("list", "List of Trees", ("trees", "collection"), "list")
 
 
-def _use_targets(tab: bpy.types.Panel, context: Context) -> None:
-    tab.layout.prop(_shown_planting(context), "use_targets", text="")
-
-
-@panel("Grown to Measure", _OfPlanting, draw_header=_use_targets)
+@panel(
+    "Grown to Measure",
+    _OfPlanting,
+    draw_header=lambda tab, context: tab.layout.prop(
+        _shown_planting(context), "use_targets", text=""
+    ),
+)
 def targets(tab: bpy.types.Panel, context: Context) -> None:
     column, planting = split(tab.layout), _shown_planting(context)
     column.active = planting.use_targets

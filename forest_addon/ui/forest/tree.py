@@ -28,8 +28,7 @@ SETTINGS = ("species", "seed", "generations", "leaves")
 
 def species_items(_owner: Any = None, context: Any = None) -> list[tuple[str, str, str, int, int]]:
     """Presets, the user's own species and those edited in this file, as a menu; a leafy one first."""
-    props = (context or bpy.context).scene.forest_sensing
-    return edit.menu(props, LEAFY)
+    return edit.menu((context or bpy.context).scene.forest_sensing, LEAFY)
 
 
 def _settings() -> dict[str, Any]:

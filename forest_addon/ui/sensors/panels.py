@@ -344,8 +344,7 @@ def draw_instruments(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
         if kind in file.tables:
             choose = menu.layout.operator("forest.choose_instrument", text=short(file.title))
             choose.scanner = name
-    none = menu.layout.operator("forest.choose_instrument", text=label(OWN))
-    none.scanner = ""
+    menu.layout.operator("forest.choose_instrument", text=label(OWN)).scanner = ""
 
 
 INSTRUMENTS = menu("Instruments")(draw_instruments, "instruments")
@@ -383,11 +382,14 @@ def _draw_sensors(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
 EVERY = panel("Sensors", OnceStarted, bl_order=1)(_draw_sensors, "sensors")
 
 
-def _presets_beside(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
-    draw_presets(tab.layout, sensors.kind_of(chosen_sensor(context)))
-
-
-@panel("Sensor Settings", OfSensors, needs=chosen_sensor, draw_header_preset=_presets_beside)
+@panel(
+    "Sensor Settings",
+    OfSensors,
+    needs=chosen_sensor,
+    draw_header_preset=lambda tab, context: draw_presets(
+        tab.layout, sensors.kind_of(chosen_sensor(context))
+    ),
+)
 def sensor(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """Settings of the chosen sensor."""
     obj = chosen_sensor(context)
@@ -397,11 +399,11 @@ def sensor(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     _draw_sensor(tab.layout, obj)
 
 
-def _is_sensor(context: bpy.types.Context) -> bool:
-    return context.object is not None and sensors.kind_of(context.object) in KINDS
-
-
-@panel("Forest Sensor", OfData, needs=_is_sensor)
+@panel(
+    "Forest Sensor",
+    OfData,
+    needs=lambda context: context.object is not None and sensors.kind_of(context.object) in KINDS,
+)
 def _sensor_data(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """The same in the Properties editor, where Blender's own cameras and lamps have theirs."""
     obj = context.object

@@ -84,8 +84,7 @@ def triangles_in(scene: bpy.types.Scene) -> int:
 def chosen_things(scene: bpy.types.Scene, name: str, again: bool = False) -> list[bpy.types.Object]:
     """The sensor of this name, all where it is empty. again : only those whose result is of the forest that
     stood before."""
-    results = scene.forest_sensing.results
-    stale = {result.name for result in results if result.stale}
+    stale = {result.name for result in scene.forest_sensing.results if result.stale}
     chosen = [obj for obj in sensors.sensors_of(scene) if name in ("", obj.name)]
     return [obj for obj in chosen if obj.name in stale] if again else chosen
 

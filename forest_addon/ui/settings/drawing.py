@@ -108,8 +108,7 @@ def draw_settings(
     layout: bpy.types.UILayout, group: Any, hidden: Collection[str] = frozenset()
 ) -> None:
     """The settings of a group that have an effect now, in the order of ``spec``; the basic ones or all."""
-    kind = type(group)
-    every, basic = _by_depth(kind)
+    every, basic = _by_depth(type(group))
     if every is not basic and bpy.context.scene.forest_sensing.advanced:
         basic = every
     for name in basic:

@@ -289,8 +289,7 @@ class FOREST_OT_save_species(Button, bpy.types.Operator, ExportHelper):
 
 def _read(item: Any) -> tuple[spec.Species, Path]:
     """An edited species, and the folder that its STL files start from."""
-    stem = Path(item.name).stem
-    species = exchange.read(item.settings, spec.Species, stem)
+    species = exchange.read(item.settings, spec.Species, Path(item.name).stem)
     return species, Path(item.folder) if item.folder else ASSETS / "species"
 
 

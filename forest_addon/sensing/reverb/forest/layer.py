@@ -51,8 +51,7 @@ class Layer:
         z = self.impedance[band]
         hard = ~np.isfinite(z)
         z = np.where(hard, 1.0, z)
-        reflected = np.abs((z * sine - 1.0) / (z * sine + 1.0)) ** 2
-        return np.where(hard, 1.0, reflected)
+        return np.where(hard, 1.0, np.abs((z * sine - 1.0) / (z * sine + 1.0)) ** 2)
 
 
 class _Tables:

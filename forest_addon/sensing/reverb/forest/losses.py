@@ -370,8 +370,7 @@ def stand_of(
     elif len(radii) > MOST_RADII:
         shares = (np.arange(MOST_RADII) + 0.5) / MOST_RADII
         radii = np.quantile(radii, shares, method="nearest")
-    density = len(trunks) / area
-    return TrunkStand(density, tuple(radii.tolist()), *rest)
+    return TrunkStand(len(trunks) / area, tuple(radii.tolist()), *rest)
 
 
 LEANS = 81  # of τ, over REACH of its unit

@@ -118,8 +118,9 @@ def clutter_around(reverb: Reverb, canopy: FoliageCanopy) -> Clutter:
     clutter = replace(clutter, needle_radius=reverb.needle_radius)
     if reverb.leaf_area_density > 0 or reverb.needle_area_density > 0:
         clutter = clutter.filled(top).without_leaves()
-        clutter = clutter.with_leaves(reverb.leaf_area_density)
-        clutter = clutter.with_needles(reverb.needle_area_density)
+        layers = max(clutter.layers, 1)
+        leaves, needles = reverb.leaf_area_density, reverb.needle_area_density
+        clutter = replace(clutter, leaf_area=(leaves,) * layers, needle_area=(needles,) * layers)
     if reverb.floor_leaf_area > 0:
         clutter = clutter.on_floor(reverb.floor_leaf_area)
     if reverb.leaf_radius > 0:
@@ -208,8 +209,7 @@ def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:
 def _leaves(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
     """(L, 3) centres of some triangles, and (L,) m² that each stands for; not of shoots of needles."""
     rows = np.flatnonzero((mesh.part == LEAF) & ~shoot_triangles(mesh))
-    step = max(1, len(rows) // MOST)
-    corners = mesh.vertices[mesh.triangles[rows[::step]]]
+    corners = mesh.vertices[mesh.triangles[rows[:: max(1, len(rows) // MOST)]]]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = 0.5 * np.linalg.norm(across, axis=1)
     share = len(rows) / max(1, len(size))
