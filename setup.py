@@ -31,7 +31,11 @@ class BuildWithKernels(build_py):
         super().run()
         top = ROOT if self.editable_mode else ROOT / self.build_lib
         script, folder = ROOT / "packaging/build_kernels.py", top / "forest_addon/kernels"
-        for earlier in () if self.editable_mode else folder.glob("_kernels.*"):
+        libraries = list(folder.glob("_kernels.*"))
+        newest = max(file.stat().st_mtime for file in [script, *folder.glob("*.[ch]")])
+        if self.editable_mode and any(file.stat().st_mtime > newest for file in libraries):
+            return  # packaging/setup_env.py has built it
+        for earlier in () if self.editable_mode else libraries:
             earlier.unlink()
         wheel = self.get_finalized_command("bdist_wheel")
         other = [wheel.plat_name] if wheel.plat_name_supplied else []

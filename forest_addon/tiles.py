@@ -281,7 +281,7 @@ class TiledForest:
         return number
 
     def part(self, rows: np.ndarray | slice) -> GrownForest:
-        """Some trees as a forest, with the numbers that they have in the whole."""
+        """Trees ``rows`` as a forest, with the numbers that they have in the whole."""
         plan, stand, measured = self.plan, self.stand(rows), self.plan.measured
         return GrownForest(
             stand=stand,

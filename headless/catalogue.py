@@ -47,7 +47,12 @@ def write_catalogue(folder: Path, files: Sequence[Path], crs: str, told: Mapping
     features = []
     for path in files:
         item = _item(path, crs, told)
-        features.append(_of_virtual(item))
+        said = dict(item["properties"])
+        authority, _, number = said.pop("proj:code", "").partition(":")
+        said |= {"proj:epsg": int(number)} if authority == "EPSG" and number.isdigit() else {}
+        features.append(
+            {**item, "stac_version": "1.0.0", "stac_extensions": VIRTUAL, "properties": said}
+        )
         links = [{"rel": rel, "href": f"./{CATALOG}"} for rel in ("root", "parent")]
         _write(path.with_suffix(".json"), {**item, "links": links})
         catalogue["links"].append({"rel": "item", "href": f"./{path.stem}.json"})
@@ -57,14 +62,6 @@ def write_catalogue(folder: Path, files: Sequence[Path], crs: str, told: Mapping
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     write_whole(path, json.dumps(content, indent=1, sort_keys=True) + "\n")
-
-
-def _of_virtual(item: Mapping[str, Any]) -> dict[str, Any]:
-    """The item as a VPC has it."""
-    said = dict(item["properties"])
-    authority, _, number = said.pop("proj:code", "").partition(":")
-    said |= {"proj:epsg": int(number)} if authority == "EPSG" and number.isdigit() else {}
-    return {**item, "stac_version": "1.0.0", "stac_extensions": VIRTUAL, "properties": said}
 
 
 def _item(path: Path, crs: str, told: Mapping[str, Any]) -> dict[str, Any]:

@@ -263,7 +263,7 @@ def _missing(problem: ModuleNotFoundError, name: str) -> str:
 
 
 def _say_nothing(_: object) -> None:
-    """In place of a message that only repeats what was said."""
+    """Say nothing, in place of a message that only repeats what was said."""
 
 
 def _in_words(problem: OSError) -> str:

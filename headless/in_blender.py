@@ -24,15 +24,10 @@ def load_package(name: str) -> None:
     spec.loader.exec_module(module)
 
 
-def missing_packages() -> list[str]:
-    """Packages that a run imports and this Python lacks."""
-    wanted = ("numpy", "scipy", "cattrs", "laspy", "lazrs", "tqdm")
-    return [name for name in wanted if importlib.util.find_spec(name) is None]
-
-
 def run(words: list[str]) -> int:
     """Run the command line; without a command, ``run`` is meant."""
-    lacking = missing_packages()
+    wanted = ("numpy", "scipy", "cattrs", "laspy", "lazrs", "tqdm")
+    lacking = [name for name in wanted if importlib.util.find_spec(name) is None]
     if lacking:
         print(
             f"error: Blender's Python lacks {', '.join(lacking)}; install the Forest Sensing "

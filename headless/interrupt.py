@@ -23,7 +23,7 @@ BLENDERS = f"{os.sep}scripts{os.sep}"  # in the path of a script that belongs to
 
 
 def quietly() -> None:
-    """From now on SIGINT ends the process in one line: before anything is written, and after."""
+    """End the process in one line on SIGINT from now on: before anything is written, and after."""
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as in the background of a shell
         signal.signal(signal.SIGINT, lambda *_: _end("nothing was written", 2))
 

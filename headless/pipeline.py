@@ -1,4 +1,4 @@
-"""From a scene file to results: the Python door's steps, with what a folder of results needs beside them.
+"""Steps from a scene file to results: the API's, with what a folder of results needs beside them.
 
 Every result is on disk before the next sensor starts, so an interrupted run keeps what it finished.
 """
@@ -292,13 +292,27 @@ def _sense(
             run.stages.warn(observer.warning)
             run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
         if run.forest is not None:
-            _audit_trees(run, world)
+            if run.settings.accuracy.audit:
+                run.trees = world.audit
+            for audit in run.trees.values():
+                run.stages.detail(str(audit))
+            stand = run.findings[0]
+            notes = (*stand.notes, *map(str, world.chosen))
+            run.findings[0] = dataclasses.replace(
+                stand, audits=tuple(run.trees.values()), notes=notes
+            )
         unfinished = Unfinished(out, world, resume)
         for sensor in settings.sensors:
             _say_cost(run, world, sensor)
         for sensor in settings.sensors:
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
-                _take(run, world, _looked(world, sensor, unfinished, progress), sound)
+                result = unfinished.result(sensor)
+                if result is None:
+                    result = world.look(sensor, progress)
+                    unfinished.keep(
+                        dataclasses.replace(result, way=None), sensor
+                    )  # asked for again
+                _take(run, world, result, sound)
         facts = facts_of(world)
     caster = observer.caster
     if run.forest is not None:
@@ -320,15 +334,6 @@ def _sense(
     doubtful += stages.warnings if strict else []
     if doubtful:
         raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
-
-
-def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Progress) -> Result:
-    """A sensor's result: as a run that was ended had it, or anew."""
-    result = unfinished.result(sensor)
-    if result is None:
-        result = world.look(sensor, progress)
-        unfinished.keep(dataclasses.replace(result, way=None), sensor)  # its way is asked for again
-    return result
 
 
 def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
@@ -470,7 +475,11 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
             drawn = page.draw_stand(stand, forest.labels[:own], settings, inputs, path)
     run.findings.append(page.forest_finding(settings, forest, drawn))
     if wanted.pictures and not can_draw():
-        _say_what_is_lacking(run)
+        sentence = without("Pictures are plain and the curve of L(r) - r is left out")
+        run.stages.say(f"  {sentence}")
+        notes = (*run.findings[0].notes, page.colours_in_words(run.species))
+        run.findings[0] = dataclasses.replace(run.findings[0], notes=notes)
+        run.findings.append(page.Finding("Pictures", sentence, {}))
     for note in forest.notes:
         run.stages.warn(note)
     met = met_targets(forest)
@@ -493,28 +502,6 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
 
             picture = save_figure(draw_goodness(goodness, window), run.path("goodness.png"))
         run.findings.append(page.goodness_finding(goodness, picture))
-
-
-def _say_what_is_lacking(run: Run) -> None:
-    """Say, here and in the report, that pictures are plain, what their colours mean, and what to do."""
-    sentence = without("Pictures are plain and the curve of L(r) - r is left out")
-    run.stages.say(f"  {sentence}")
-    notes = (*run.findings[0].notes, page.colours_in_words(run.species))
-    run.findings[0] = dataclasses.replace(run.findings[0], notes=notes)
-    run.findings.append(page.Finding("Pictures", sentence, {}))
-
-
-def _audit_trees(run: Run, world: World) -> None:
-    """Hold branches and leaves against their truth; the forest's finding says what came out, and what
-    was left to the scene's sensors.
-    """
-    if run.settings.accuracy.audit:
-        run.trees = world.audit
-    for audit in run.trees.values():
-        run.stages.detail(str(audit))
-    stand = run.findings[0]
-    notes = (*stand.notes, *map(str, world.chosen))
-    run.findings[0] = dataclasses.replace(stand, audits=tuple(run.trees.values()), notes=notes)
 
 
 def _make_writable(out: Path) -> None:

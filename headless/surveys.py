@@ -328,7 +328,18 @@ def write_like(
     lines = lines_of(cloud.place, cloud.time, cloud.number, cloud.count, cloud.line)
     if flown is not None:
         flown = _on_one_clock(flown, cloud.time)
-        lines = _lines_by(flown, cloud)
+        lines = {}
+        for number in np.unique(cloud.line).tolist():
+            when = cloud.time[cloud.line == number]
+            some = _during(flown, float(when.min()), float(when.max()))
+            if len(some) > 1:
+                lines[number] = FlightLine(number, some[:, 0], some[:, 1:4], len(when), 0.0)
+        if not lines:
+            raise SpecError(
+                "--trajectory",
+                f"goes from {flown[0, 0]:.3f} to {flown[-1, 0]:.3f} s, the cloud from "
+                f"{cloud.time.min():.3f} to {cloud.time.max():.3f} s; give both the same clock",
+            )
     low = np.floor(cloud.place.min(axis=0))
     sensors, report = [], []
     for number, line in lines.items():
@@ -463,23 +474,6 @@ def _on_one_clock(flown: np.ndarray, time: np.ndarray) -> np.ndarray:
         if moved[0, 0] <= time.max() and moved[-1, 0] >= time.min():
             return moved
     return flown
-
-
-def _lines_by(flown: np.ndarray, cloud: FlownCloud) -> dict[int, FlightLine]:
-    """Flight lines on a given trajectory (K, 7): its poses while each line was flown."""
-    lines = {}
-    for number in np.unique(cloud.line).tolist():
-        when = cloud.time[cloud.line == number]
-        some = _during(flown, float(when.min()), float(when.max()))
-        if len(some) > 1:
-            lines[number] = FlightLine(number, some[:, 0], some[:, 1:4], len(when), 0.0)
-    if not lines:
-        raise SpecError(
-            "--trajectory",
-            f"goes from {flown[0, 0]:.3f} to {flown[-1, 0]:.3f} s, the cloud from {cloud.time.min():.3f} to "
-            f"{cloud.time.max():.3f} s; give both the same clock",
-        )
-    return lines
 
 
 def _during(flown: np.ndarray, start: float, stop: float) -> np.ndarray:

@@ -37,7 +37,7 @@ from forest_addon.tiles import LEVELS, TileGrid, seconds_of_pulses
 
 from .catalogue import write_catalogue
 from .command import DoubtfulError, IncompleteError
-from .dataset.engine import Cluster, SceneOutcome, make_all
+from .dataset.engine import Cluster, SceneOutcome, WorkerJob, make_all
 from .dataset.estimate import Estimate, Trial
 from .dataset.settings import Running
 from .progress import Stages, hushed, peak_memory_mb
@@ -177,7 +177,20 @@ def run_in_tiles(
         else:
             _look(run, sensor)
     _write_stand(run)
-    _write_record(run, every)
+    notes = {sensor.name: run.done(sensor) for sensor in every}
+    for said in notes.values():
+        run.files += said["files"] if said else []
+    run.files.append("run.json")
+    record = {
+        **made_with(run.tiling.scene),
+        **run.facts,
+        "sensors": {name: said["facts"] for name, said in notes.items() if said},
+        "stage_seconds": run.stages.seconds,
+        "warnings": run.stages.warnings,
+        "peak_memory_mb": peak_memory_mb(),
+        "files": run.files,
+    }
+    write_whole(run.out / "run.json", json.dumps(record, indent=2, default=str) + "\n")
     if store is not None:
         put(out, run.files, store)
         pieces = tuple(f"{sensor.name}{mark}" for sensor in every for mark in "-.")
@@ -191,7 +204,7 @@ def run_in_tiles(
 
 
 @dataclass(frozen=True)
-class TileJob:
+class TileJob(WorkerJob):
     """A piece of the scans of a run in tiles, as a ``WorkerJob`` of the engine.
 
     scene, folder : as of ``run_in_tiles``. out : where the run's pieces are. sensors : names of those that
@@ -215,21 +228,25 @@ class TileJob:
         grid = TileGrid.of(self.scene.forest, self.scene.tiles.size)
         return f"tile {grid.name(self.number // LEVELS)}"
 
-    def is_done(self) -> bool:
-        """See ``WorkerJob``; only who has planned the field knows."""
-        return False
-
     def make(self, session: Any) -> dict[str, float]:
         """See ``WorkerJob``."""
         rays = self.scene.rays.changed(threads=self.threads)
         start = time.process_time()
-        scans = _scans_of(replace(self, scene=self.scene.changed(rays=rays)))
+        scene, folder, out = self.scene.changed(rays=rays), self.folder, self.out
+        said = repr((scene, folder, out, self.sensors))  # scans are planned once in a process
+        if said not in _known:
+            _known.clear()
+            if self.store is not None:
+                fetch(self.store / FOLDER, out / FOLDER, ".npz")
+            with hushed():
+                empty_file()
+                tiling = Tiling.of(scene, folder, out / FOLDER / PLAN)
+                run = TiledRun(scene, folder, tiling, out, Stages(True))
+            _known[said] = [run.scan(s) for s in scene.sensors if s.name in self.sensors]
+        scans = _known[said]
         planned = time.process_time()
         make_piece(scans, self.number, self.cuts, self.store)
         return {"plan": planned - start, "sensors": time.process_time() - planned}
-
-    def note(self, outcome: SceneOutcome) -> None:
-        """See ``WorkerJob``; the piece itself says it."""
 
     def smaller(self) -> TileJob | None:
         """See ``WorkerJob``."""
@@ -237,22 +254,6 @@ class TileJob:
 
 
 _known: dict[str, list[TiledScan]] = {}  # the scans that this process plans, by what they are of
-
-
-def _scans_of(job: TileJob) -> list[TiledScan]:
-    """The scans of a run, planned once in a process."""
-    scene, folder, out = job.scene, job.folder, job.out
-    said = repr((scene, folder, out, job.sensors))
-    if said not in _known:
-        _known.clear()
-        if job.store is not None:
-            fetch(job.store / FOLDER, out / FOLDER, ".npz")
-        with hushed():
-            empty_file()
-            tiling = Tiling.of(scene, folder, out / FOLDER / PLAN)
-            run = TiledRun(scene, folder, tiling, out, Stages(True))
-        _known[said] = [run.scan(s) for s in scene.sensors if s.name in job.sensors]
-    return _known[said]
 
 
 def make_piece(
@@ -314,7 +315,10 @@ def _make_pieces(
             if outcome.why:
                 run.stages.warn(outcome.why)
 
-        make_all(jobs_of(run, todo, cluster), cluster, report)
+        shares = cluster.shares(len(todo), Running())
+        given = run.asked, run.base.resolve(), run.out.resolve()
+        takes = tuple(run.scans), Running(), *shares, 1, run.store
+        make_all([TileJob(*given, piece, *takes) for piece in todo], cluster, report)
         if run.store is not None:
             fetch(run.store / FOLDER, run.folder)  # what workers elsewhere have made
             (run.store / FOLDER / PLAN).unlink(missing_ok=True)
@@ -323,14 +327,6 @@ def _make_pieces(
     if lost:
         raise IncompleteError(f"{len(lost)} pieces could not be made: {lost[0]}; --resume goes on")
     return told
-
-
-def jobs_of(run: TiledRun, pieces: Sequence[int], cluster: Cluster) -> list[TileJob]:
-    """The jobs of pieces of a run."""
-    shares = cluster.shares(len(pieces), Running())
-    given = run.asked, run.base.resolve(), run.out.resolve()
-    takes = tuple(run.scans), Running(), *shares, 1, run.store
-    return [TileJob(*given, piece, *takes) for piece in pieces]
 
 
 # A sample of tiles, by which the whole is told.
@@ -475,21 +471,3 @@ def _write_stand(run: TiledRun) -> None:
         table["trees"] = tiling.forest.in_tile
         write_csv(run.out / "tiles.csv", table)
     run.files += ["trees.csv", "leaf_angles.csv", "tiles.csv"]
-
-
-def _write_record(run: TiledRun, sensors: Sequence[Any]) -> None:
-    """run.json, as of any run; notes of sensors go."""
-    notes = {sensor.name: run.done(sensor) for sensor in sensors}
-    for said in notes.values():
-        run.files += said["files"] if said else []
-    run.files.append("run.json")
-    record = {
-        **made_with(run.tiling.scene),
-        **run.facts,
-        "sensors": {name: said["facts"] for name, said in notes.items() if said},
-        "stage_seconds": run.stages.seconds,
-        "warnings": run.stages.warnings,
-        "peak_memory_mb": peak_memory_mb(),
-        "files": run.files,
-    }
-    write_whole(run.out / "run.json", json.dumps(record, indent=2, default=str) + "\n")

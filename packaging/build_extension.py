@@ -94,8 +94,7 @@ def build(named: str | None, out: Path, python: str) -> Path:
     except build_kernels.BuildError as problem:
         print(f"the extension goes without the kernels: {problem}", file=sys.stderr)
         wheels.remove(ours)
-    for wheel in wheels:
-        fetch(Path(wheel).name)
+    fetch([Path(wheel).name for wheel in wheels])
     out.mkdir(parents=True, exist_ok=True)
     kind = f"{platform}-{BLENDERS.get(python, f'python{python}')}"
     archive = out / f"{manifest['id']}-{manifest['version']}-{kind}.zip"
@@ -119,14 +118,19 @@ def fits(wheel: str, platform: str) -> bool:
     return tag == "any" or fnmatch(tag, PLATFORMS[platform])
 
 
-def fetch(name: str) -> None:
-    """Downloads the wheel of exactly this file name into wheels/, unless it is there."""
-    if (WHEELS / name).exists():
-        return
-    project, version, python, abi, tag = name.removesuffix(".whl").split("-")
-    found = download(f"{project}=={version}", python, abi, tag.split("."))
-    if found != name:
-        raise BuildError(f"the manifest declares {name}, but the package index has {found}")
+def fetch(names: Sequence[str]) -> None:
+    """Downloads the wheels of exactly these file names into wheels/, but for those that are there."""
+    alike: dict[tuple[str, str, str], list[str]] = {}
+    for name in names:
+        if not (WHEELS / name).exists():
+            project, version, *kind = name.removesuffix(".whl").split("-")
+            alike.setdefault(tuple(kind), []).append(f"{project}=={version}")
+    for (python, abi, tag), releases in alike.items():
+        found = download(releases, python, abi, tag.split("."))
+        if other := sorted(set(found) - set(names)):
+            raise BuildError(
+                f"the package index has {other[0]}, which the manifest does not declare"
+            )
 
 
 def wheel_of_kernels(name: str, named: str | None) -> None:
@@ -190,9 +194,10 @@ def is_test(path: str) -> bool:
     return "/tests/" in path
 
 
-def download(release: str, python: str, abi: str, tags: Sequence[str]) -> str:
-    """Downloads the wheel of a release that fits into wheels/; returns its name."""
-    print(f"downloading {release} for {python}", flush=True)
+def download(releases: Sequence[str], python: str, abi: str, tags: Sequence[str]) -> list[str]:
+    """Downloads the wheels of releases that fit into wheels/; returns their names."""
+    wanted = " ".join(releases)
+    print(f"downloading {wanted} for {python}", flush=True)
     options = ["--no-deps", "--only-binary=:all:", "--quiet", "--retries=2"]
     options += [f"--platform={tag}" for tag in tags]
     if python.startswith("cp"):
@@ -200,17 +205,17 @@ def download(release: str, python: str, abi: str, tags: Sequence[str]) -> str:
     WHEELS.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(dir=WHEELS) as folder:
         pip = subprocess.run(
-            [sys.executable, "-m", "pip", "download", *options, "-d", folder, release],
+            [sys.executable, "-m", "pip", "download", *options, "-d", folder, *releases],
             capture_output=True,
             text=True,
         )
-        for file in Path(folder).iterdir():
-            file.rename(WHEELS / file.name)
-            return file.name
+        if pip.returncode == 0:
+            files = sorted(Path(folder).iterdir())
+            return [file.rename(WHEELS / file.name).name for file in files]
     if "connection broken" in pip.stderr:
-        raise BuildError(f"{release}: the package index cannot be reached", NO_NETWORK)
+        raise BuildError(f"{wanted}: the package index cannot be reached", NO_NETWORK)
     reason = (pip.stderr.strip().splitlines() or ["pip gave no reason"])[-1]
-    raise BuildError(f"{release} cannot be downloaded: {reason}")
+    raise BuildError(f"{wanted} cannot be downloaded: {reason}")
 
 
 def for_python(text: str, python: str, platform: str) -> str:
@@ -229,7 +234,7 @@ def for_python(text: str, python: str, platform: str) -> str:
             release = "==".join(Path(wheel).name.split("-")[:2])
             have = sorted(WHEELS.glob(f"{release.replace('==', '-')}-{python}-*.whl"))
             fitting = [file.name for file in have if fits(file.name, platform)]
-            name = fitting[0] if fitting else download(release, python, python, TAGS[platform])
+            name = (fitting or download([release], python, python, TAGS[platform]))[0]
             line = f'  "./wheels/{name}",'
         lines.append(line)
     return "\n".join(lines) + "\n"

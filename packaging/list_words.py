@@ -114,7 +114,7 @@ def of_classes() -> Iterator[Text]:
             for context, text in (*_of_class(bpy, cls), *_of_properties(_described(bpy, cls))):
                 if text:
                     yield context, text, cls.__name__
-        for name in panels.PROPERTIES:
+        for name in panels.OF_OBJECTS:
             for context, text in _of_property(bpy.types.Object.bl_rna.properties[name]):
                 yield context, text, "Object"
     finally:

@@ -3,8 +3,9 @@
 Runs under the interpreter that ``find_python.sh`` found, with the standard library only. In order:
 the system libraries Blender needs, by trying to load each; the venv; uv or pip, with what it is doing on
 one line and all of it in ``setup.log``; what else bpy's own file says is missing; ``import bpy``. Only then
-are the stamps ``blender`` and ``ready`` written, which the Makefile compares with pyproject.toml; it builds
-the kernels in C. Every failure is a line or two and exit code 1.
+are the stamps ``blender`` and ``ready`` written, which the Makefile compares with pyproject.toml. The kernels
+in C are built meanwhile, where a compiler is; the stamp ``kernels`` says so, and without it the Makefile
+fetches a compiler. Every failure is a line or two and exit code 1.
 """
 
 from __future__ import annotations
@@ -94,8 +95,13 @@ def set_up(folder: Path, extra: str) -> None:
     stamps = [folder / name for name in STAMPS[extra]]
     for stamp in stamps:
         stamp.unlink(missing_ok=True)
-    install(python, folder / "setup.log", extra)
-    load_blender(python)
+    command = [str(python), str(ROOT / "packaging/build_kernels.py")]
+    silent = subprocess.DEVNULL
+    with subprocess.Popen(command, stdout=silent, stderr=silent) as building:
+        install(python, folder / "setup.log", extra)
+        load_blender(python)
+    if building.returncode == 0:
+        stamps.append(folder / "kernels")
     for stamp in stamps:
         stamp.write_text(f"Python {VERSION}\n")
     print(f"environment ready in {time.monotonic() - started:.0f} s")
@@ -184,9 +190,9 @@ def install(python: Path, log: Path, extra: str) -> None:
     where packages come from (it does not read pip's settings); all that they said is in ``log``."""
     pip = [str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check"]
     uv = [str(python), "-m", "uv", "pip", "install", "--python", str(python)]
-    if sys.dont_write_bytecode:  # else Python compiles what is imported, and keeps it
+    if sys.dont_write_bytecode and extra == "dev":  # else what is imported is compiled, and kept
         uv.append("--compile-bytecode")
-    else:
+    elif not sys.dont_write_bytecode:
         pip.append("--no-compile")
     wanted = ["--editable", f"{ROOT}[{extra}]"]
     print(
@@ -262,7 +268,8 @@ def why_pip_failed(log: Path) -> str:
 
 
 def load_blender(python: Path) -> None:
-    """Names libraries bpy misses beyond the list above, then imports it."""
+    """Names libraries bpy misses beyond the list above, then imports it and what is large beside it, which
+    keeps both compiled also where Python is told not to."""
     find = "import importlib.util; print(importlib.util.find_spec('bpy').origin)"
     found = subprocess.run([python, "-c", find], capture_output=True, text=True)
     if found.returncode:
@@ -271,7 +278,9 @@ def load_blender(python: Path) -> None:
         )
     if missing := unresolved(found.stdout.strip()):
         raise SetupError(advice(missing, package_tool()))
-    loaded = subprocess.run([python, "-c", "import bpy"], capture_output=True, text=True)
+    variables = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    large = "import bpy, laspy, matplotlib.figure, pyproj, scipy.interpolate, scipy.ndimage"
+    loaded = subprocess.run([python, "-c", large], capture_output=True, text=True, env=variables)
     if loaded.returncode:
         reason = (loaded.stderr.strip().splitlines() or [f"it ended with {loaded.returncode}"])[-1]
         raise SetupError(f"Blender's module does not load: {reason}")

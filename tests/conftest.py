@@ -103,6 +103,17 @@ def headless(capfd):
     return run
 
 
+@pytest.fixture(scope="session")
+def warm():
+    """A worker of datasets whose process goes on from test to test: to load Blender takes seconds."""
+    pytest.importorskip("bpy")
+    from references.dataset_runs import Warm
+
+    warm = Warm()
+    yield warm
+    warm.renew()
+
+
 @pytest.fixture
 def quick(monkeypatch):
     """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""

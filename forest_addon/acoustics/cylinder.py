@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 RAYLEIGH = 1e-8  # below this ka the leading terms are exact to rounding
-SPARE_ORDERS = 24  # the downward recurrence starts so far above the last order that is wanted
 OVERFLOW = 1e150  # where the downward recurrence is scaled down
 SIZES_AT_ONCE = 1024
 VALUES_AT_ONCE = 32768
@@ -152,7 +151,8 @@ def _bessel_j(z: np.ndarray, orders: int) -> np.ndarray:
     """(orders + 1, K) J_n(z), z > 0, by the downward recurrence (Miller's algorithm)."""
     j = np.zeros((orders + 1, len(z)))
     above, here = np.zeros(len(z)), np.full(len(z), 1e-300)
-    for n in range(max(orders, order_count(float(z.max()))) + SPARE_ORDERS, 0, -1):
+    # Begun where J has vanished: its error at each order is as small against the largest J.
+    for n in range(max(orders, order_count(float(z.max()))) + 1, 0, -1):
         above, here = here, 2.0 * n / z * here - above
         if n <= orders + 1:
             j[n - 1] = here

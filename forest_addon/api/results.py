@@ -176,7 +176,7 @@ class Result:
         write_as(path, self.sensor, self.found, self.offset)
 
     def summary(self) -> dict[str, str]:
-        """Its figures in words."""
+        """Figures of this result in words."""
         figures = {
             each.name or each.short: each.text for each in figures_of(self.sensor, self.found)
         }
@@ -197,7 +197,7 @@ class Result:
         return record
 
     def _repr_html_(self) -> str:
-        """For notebooks: its figures, its picture, and its sound as it is played."""
+        """Figures, picture and sound of this result, as notebooks show it."""
         said = self.summary() | ({"audit": str(self.audit)} if self.audit else {})
         said |= {"warning": "; ".join(self.warnings)} if self.warnings else {}
         rows = "".join(f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in said.items())

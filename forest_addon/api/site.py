@@ -1,4 +1,4 @@
-"""From a scene's settings to a forest in Blender.
+"""Steps from a scene's settings to a forest in Blender.
 
 ``build`` takes all steps at once; a program that does something in between takes a ``Site``.
 """

@@ -225,7 +225,13 @@ class Tiling:
         world = World(self.scene, self.site.folder, part, place)
         observer = world.observer
         seen = observer.geometry
-        observer.geometry = replace(seen, crowd=self._crowd(seen), extent=self.forest.extent)
+        many = np.bincount(seen.mesh_index, minlength=len(seen.meshes))
+        trees = np.flatnonzero(seen.tree >= 0)
+        meshes, first = np.unique(seen.mesh_index[trees], return_index=True)
+        for mesh, tree in zip(meshes, seen.tree[trees[first]], strict=True):
+            (key,) = keys_of(self.forest.stand(np.array([tree])))
+            many[mesh] = self.forest.counts[key]
+        observer.geometry = replace(seen, crowd=tuple(many.tolist()), extent=self.forest.extent)
         return world
 
     @property
@@ -234,16 +240,6 @@ class Tiling:
 
         chosen = self.scene.forest.instancing
         return len(self.forest) > MANY if chosen == "auto" else chosen == "points"
-
-    def _crowd(self, geometry: SceneGeometry) -> tuple[int, ...]:
-        """Number of instances that each mesh of a tile's scene has in the whole."""
-        many = np.bincount(geometry.mesh_index, minlength=len(geometry.meshes))
-        trees = np.flatnonzero(geometry.tree >= 0)
-        meshes, first = np.unique(geometry.mesh_index[trees], return_index=True)
-        for mesh, tree in zip(meshes, geometry.tree[trees[first]], strict=True):
-            (key,) = keys_of(self.forest.stand(np.array([tree])))
-            many[mesh] = self.forest.counts[key]
-        return tuple(many.tolist())
 
     def numbered(self, geometry: SceneGeometry) -> np.ndarray:
         """(I + 1,) numbers that instances of a tile's scene have in that of the whole; -1 of none, last."""

@@ -58,82 +58,6 @@ from .given import (
 )
 from .results import Echoes, PointCloud, Response, Result, RowScan, is_scanner, result_of
 
-Table = dict[str, np.ndarray]
-
-
-def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
-    """A row a tree."""
-    table = _both(forest, placed, tree_table, placed_table)
-    numbers = [name for name in table if name.startswith("target_") or name == "in_band"]
-    return table | {name: _numbers(table[name]) for name in numbers}
-
-
-def leaves_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
-    """A row a leaf."""
-    return _both(forest, placed, leaf_table, placed_leaves)
-
-
-def cylinders_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
-    """A row a segment of a branch."""
-    return _both(forest, placed, cylinder_table, placed_cylinders)
-
-
-def skeleton_in_world(forest: GrownForest | None, placed: PlacedTrees, tree: int) -> Table:
-    """The segments of one tree in the world.
-
-    Raises
-    ------
-    SpecError : there is no tree of this number.
-    """
-    rows = np.flatnonzero(forest.stand.id == tree) if forest is not None else ()
-    if forest is None or not len(rows):
-        row = placed.row_of(tree)
-        if row is None:
-            raise SpecError("tree", f"{tree} is no tree of this world; see trees['tree']")
-        return placed_skeleton(placed.grown[placed.index[row]], placed.transform[row])
-    row = int(rows[0])
-    matrix, scale = forest.transforms()[row], float(forest.stand.scale[row])
-    wood = forest.variant_of(row).skeleton
-    return {
-        "start": wood.start @ matrix[:, :3].T + matrix[:, 3],
-        "end": wood.end @ matrix[:, :3].T + matrix[:, 3],
-        "radius": wood.radius * scale,
-        "parent": wood.parent,
-        "order": wood.order,
-        "generation": wood.generation,
-        "dead": wood.is_dead,
-    }
-
-
-def _both(
-    forest: GrownForest | None,
-    placed: PlacedTrees,
-    of_forest: Callable[[GrownForest], Mapping[str, Any]],
-    of_placed: Callable[[PlacedTrees], Mapping[str, Any]],
-) -> Table:
-    """Tables one below the other; what only the grown trees have, as targets, is empty or NaN below."""
-    if forest is None:
-        return {name: np.array(column) for name, column in of_placed(placed).items()}
-    first = {name: np.array(column) for name, column in of_forest(forest).items()}
-    if not len(placed):
-        return first
-    second = {name: np.array(column) for name, column in of_placed(placed).items()}
-    count = len(next(iter(second.values()), ()))
-    return {
-        name: np.concatenate([values, second.get(name, _nothing(values, count))])
-        for name, values in first.items()
-    }
-
-
-def _numbers(column: np.ndarray) -> np.ndarray:
-    """A column with gaps as float64, NaN in the gaps."""
-    return np.array([np.nan if value == "" else float(value) for value in column.tolist()])
-
-
-def _nothing(like: np.ndarray, count: int) -> np.ndarray:
-    return np.full(count, np.nan if like.dtype.kind == "f" else "")
-
-
 if TYPE_CHECKING:
     from ..blender.sensors.observe import Observer
     from ..results.scan_file import Written
@@ -358,7 +282,11 @@ class World:
         ------
         SpecError : the world was not grown here, and no tree of a library stands in it.
         """
-        return trees_in_world(*self._standing())
+        table = self._both(tree_table, placed_table)
+        for name in [name for name in table if name.startswith("target_") or name == "in_band"]:
+            # a column with gaps, NaN in the gaps
+            table[name] = np.array([np.nan if v == "" else float(v) for v in table[name].tolist()])
+        return table
 
     @property
     def leaves(self) -> dict[str, np.ndarray]:
@@ -369,7 +297,7 @@ class World:
         ------
         SpecError : as ``trees``.
         """
-        return leaves_in_world(*self._standing())
+        return self._both(leaf_table, placed_leaves)
 
     @property
     def cylinders(self) -> dict[str, np.ndarray]:
@@ -380,7 +308,29 @@ class World:
         ------
         SpecError : as ``trees``.
         """
-        return cylinders_in_world(*self._standing())
+        return self._both(cylinder_table, placed_cylinders)
+
+    def _both(
+        self,
+        of_forest: Callable[[GrownForest], Mapping[str, Any]],
+        of_placed: Callable[[PlacedTrees], Mapping[str, Any]],
+    ) -> dict[str, np.ndarray]:
+        """Tables one below the other; what only the grown trees have, as targets, is empty or NaN below."""
+        forest, placed = self._standing()
+        kept = len(placed) or forest is None
+        second = (
+            {name: np.array(column) for name, column in of_placed(placed).items()} if kept else {}
+        )
+        if forest is None:
+            return second
+        first = {name: np.array(column) for name, column in of_forest(forest).items()}
+        if not second:
+            return first
+        count = len(next(iter(second.values()), ()))
+        for name, values in first.items():
+            lacking = np.full(count, np.nan if values.dtype.kind == "f" else "")
+            first[name] = np.concatenate([values, second.get(name, lacking)])
+        return first
 
     def canopy(self, points: np.ndarray) -> Canopy:
         """Readings of hemispherical pictures at points (N, 3): gap fraction by zenith angle, the share
@@ -442,10 +392,28 @@ class World:
         ------
         SpecError : as ``trees``; there is no such tree.
         """
-        return skeleton_in_world(*self._standing(), tree)
+        forest, placed = self._standing()
+        rows = np.flatnonzero(forest.stand.id == tree) if forest is not None else ()
+        if forest is None or not len(rows):
+            row = placed.row_of(tree)
+            if row is None:
+                raise SpecError("tree", f"{tree} is no tree of this world; see trees['tree']")
+            return placed_skeleton(placed.grown[placed.index[row]], placed.transform[row])
+        row = int(rows[0])
+        matrix, scale = forest.transforms()[row], float(forest.stand.scale[row])
+        wood = forest.variant_of(row).skeleton
+        return {
+            "start": wood.start @ matrix[:, :3].T + matrix[:, 3],
+            "end": wood.end @ matrix[:, :3].T + matrix[:, 3],
+            "radius": wood.radius * scale,
+            "parent": wood.parent,
+            "order": wood.order,
+            "generation": wood.generation,
+            "dead": wood.is_dead,
+        }
 
     def _repr_html_(self) -> str:
-        """For notebooks: what stands here."""
+        """List what stands here, as notebooks show it."""
         if self.forest is None:
             return f"<b>{self.scene.name}</b>: the scene in Blender"
         kinds = zip(self.forest.labels, self.forest.stand.counts(), strict=True)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -54,7 +55,22 @@ def draw_flight(flight: PingSeries, sonar: Sonar, leaves: np.ndarray, stems: np.
     figure = blank_figure((13.5, 8.2))
     grid = figure.add_gridspec(1, 2, width_ratios=(1.1, 1))
     _map(figure.add_subplot(grid[0, 0]), flight.echoes, sonar, leaves, stems)
-    _waveforms(figure.add_subplot(grid[0, 1]), flight)
+    axes = figure.add_subplot(grid[0, 1])  # each echo to its own height, with its peak level
+    shown = flight.echoes[:LINES]
+    for number, echo in enumerate(shown):
+        wave = echo.heard_waveforms[0]
+        peak = float(np.abs(wave).max(initial=0.0))
+        axes.plot(echo.time * 1e3, -number + 0.45 * wave / (peak or 1.0), color=INK, linewidth=0.35)
+        level = f"{20 * math.log10(peak):.0f} dB" if peak else "silence"
+        axes.annotate(
+            level, (1.0, -number), xycoords=("axes fraction", "data"), xytext=(3, 0),
+            textcoords="offset points", fontsize=7,
+        )  # fmt: skip
+    axes.set_yticks([-n for n in range(len(shown))], [f"{n + 1}" for n in range(len(shown))])
+    axes.set_ylabel("pose")
+    axes.set_xlabel("ms after the call")
+    axes.set_title("Echoes, each to its own height; peak re call at 1 m")
+    axes.margins(x=0)
     return figure
 
 
@@ -74,11 +90,23 @@ def _map(
     shown = [np.array([echo.pose.position[:2] for echo in echoes])]
     for number, echo in enumerate(echoes, start=1):
         width = _width(echo.pose, sonar)
-        red = _in_beam(echo, width)
+        heard = echo.heard
+        loud = heard.amplitude >= heard.amplitude.max(initial=0.0) * 10 ** (-HEARD_DB / 20)
+        places = heard.position[loud & (heard.kind == "leaf")]
+        away = places - echo.pose.position
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        red = places[np.hypot(*beam_offsets(away, echo.pose.frame)) <= width / 2]
         axes.scatter(*red[:, :2].T, s=1.4, c=RED, linewidths=0, rasterized=True)
         reach = np.linalg.norm(red - echo.pose.position, axis=1).max(initial=2.0)
         if width < math.pi:
-            outline = _contour(echo.pose, width, float(reach))
+            turn = np.linspace(-width / 2, width / 2, 40)
+            forward, left, _ = echo.pose.frame
+            edge = echo.pose.position + float(reach) * (
+                np.outer(np.cos(turn), forward) + np.outer(np.sin(turn), left)
+            )
+            outline = np.concatenate([echo.pose.position[None], edge, echo.pose.position[None]])[
+                :, :2
+            ]
             axes.plot(*outline.T, color=INK, linewidth=0.8)
             shown.append(outline)
         shown.append(red[:, :2])
@@ -98,16 +126,6 @@ def _map(
     axes.set_ylabel("y, m")
 
 
-def _in_beam(echo: Echo, width: float) -> np.ndarray:
-    """(M, 3) the leaves heard within the -3 dB width, as much as 40 dB weaker than the loudest."""
-    heard = echo.heard
-    loud = heard.amplitude >= heard.amplitude.max(initial=0.0) * 10 ** (-HEARD_DB / 20)
-    places = heard.position[loud & (heard.kind == "leaf")]
-    away = places - echo.pose.position
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
-    return places[np.hypot(*beam_offsets(away, echo.pose.frame)) <= width / 2]
-
-
 def _width(pose: SonarPose, sonar: Sonar) -> float:
     """Full -3 dB width in radians; 2π of a beam that has none."""
     if sonar.beam == "gaussian":
@@ -115,14 +133,6 @@ def _width(pose: SonarPose, sonar: Sonar) -> float:
     if sonar.beam == "horseshoe":
         return float(Horseshoe().width(np.array(sum(sonar.band) / 2)))
     return 2 * math.pi
-
-
-def _contour(pose: SonarPose, width: float, reach: float) -> np.ndarray:
-    """(N, 2) outline of the beam's width in its level plane, from above."""
-    turn = np.linspace(-width / 2, width / 2, 40)
-    forward, left, _ = pose.frame
-    edge = pose.position + reach * (np.outer(np.cos(turn), forward) + np.outer(np.sin(turn), left))
-    return np.concatenate([pose.position[None], edge, pose.position[None]])[:, :2]
 
 
 # ---------------------------------------------------------------------------------------------- signals
@@ -162,21 +172,17 @@ def _spectrum(axes: Axes, echo: Echo) -> None:
 
 
 def _spectrogram(axes: Axes, echo: Echo) -> None:
-    from scipy.signal import ShortTimeFFT
-    from scipy.signal.windows import hann
-
     signal, rate = echo.heard_waveforms[0], echo.sample_rate
     axes.set_title("Spectrogram of the echo")
     window = min(256, len(signal))
     if window < 8:
         return
-    short = ShortTimeFFT(hann(window), hop=max(1, window // 8), fs=rate)
-    power = _level(np.abs(short.stft(signal)), 1e-15)
-    extent = (0.0, len(signal) / rate * 1e3, 0.0, rate / 2e3)
-    first, last = short.lower_border_end[1], short.upper_border_begin(len(signal))[1]
-    shown = power[:, max(first, 0) : max(last, first + 1)]
-    _image(axes, shown, extent)
+    hop = max(1, window // 8)
+    power, frequency, time = mlab.specgram(signal, window, rate, noverlap=window - hop)
+    level = 10 * np.log10(np.maximum(power, 1e-30))
+    _image(axes, level, (*(1e3 * time[[0, -1]]), *(frequency[[0, -1]] / 1e3)))
     low, high = np.array(_around(echo)) / 1e3
+    axes.set_xlim(0.0, len(signal) / rate * 1e3)
     axes.set_ylim(low, high)
 
 
@@ -230,25 +236,6 @@ def _image(axes: Axes, level: np.ndarray, extent: tuple[float, ...]) -> None:
         rasterized=True,
     )
     axes.set_ylabel("kHz")
-
-
-def _waveforms(axes: Axes, flight: PingSeries) -> None:
-    """Waveforms at the first ear, each drawn to its own height, with its peak level."""
-    shown = flight.echoes[:LINES]
-    for number, echo in enumerate(shown):
-        wave = echo.heard_waveforms[0]
-        peak = float(np.abs(wave).max(initial=0.0))
-        axes.plot(echo.time * 1e3, -number + 0.45 * wave / (peak or 1.0), color=INK, linewidth=0.35)
-        level = f"{20 * math.log10(peak):.0f} dB" if peak else "silence"
-        axes.annotate(
-            level, (1.0, -number), xycoords=("axes fraction", "data"), xytext=(3, 0),
-            textcoords="offset points", fontsize=7,
-        )  # fmt: skip
-    axes.set_yticks([-n for n in range(len(shown))], [f"{n + 1}" for n in range(len(shown))])
-    axes.set_ylabel("pose")
-    axes.set_xlabel("ms after the call")
-    axes.set_title("Echoes, each to its own height; peak re call at 1 m")
-    axes.margins(x=0)
 
 
 def _level(size: np.ndarray, floor: float = 1e-9) -> np.ndarray:

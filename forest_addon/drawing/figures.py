@@ -72,7 +72,18 @@ def draw_scan(scan: TractorScan) -> Figure:
     far.set_facecolor(SKY)
     far.set_title("Distance of the first hit")
     _distance_bar(figure, image, far)
-    _organ_image(what, scan.organ.T, extent)
+    codes = sorted(ORGANS)
+    what.imshow(
+        scan.organ.T,
+        extent=extent,
+        origin="lower",
+        aspect="auto",
+        cmap=ListedColormap([ORGANS[code][1] for code in codes]),
+        norm=BoundaryNorm([codes[0] - 0.5, *(code + 0.5 for code in codes)], len(codes)),
+        interpolation="nearest",
+        rasterized=True,
+    )
+    _organ_legend(what, (LEAF, WOOD, GROUND, ESCAPED))
     what.set_title("What was hit")
     for axes in (far, what):
         axes.set_ylabel("angle from the horizontal, °")
@@ -88,7 +99,21 @@ def draw_cloud(cloud: Cloud, tripod: Terrestrial | None = None) -> Figure:
     points, organ = cloud.position[::every][order], cloud.returns.organ[::every][order]
     colours = to_rgba_array([ORGANS[o][1] for o in range(DEAD + 1)])[organ]
     if tripod is not None:
-        _panorama(figure, left, cloud, tripod)
+        (low_az, high_az), (low_el, high_el) = tripod.azimuth_deg, tripod.elevation_deg
+        shown = left.imshow(
+            np.ma.masked_invalid(range_image(cloud, tripod)),
+            extent=(low_az, high_az, low_el, high_el),
+            origin="lower",
+            aspect="auto",
+            cmap="viridis_r",
+            norm="log",
+            rasterized=True,
+        )
+        left.set_facecolor(SKY)
+        left.set_title("Panorama: distance of the first hit")
+        left.set_xlabel("azimuth, °")
+        left.set_ylabel("elevation, °")
+        _distance_bar(figure, shown, left)
         near = np.abs(points[:, :2] - np.array(tripod.position)[:2]).max(axis=1) < 22.0
         points, colours = points[near], colours[near]
     else:
@@ -99,7 +124,15 @@ def draw_cloud(cloud: Cloud, tripod: Terrestrial | None = None) -> Figure:
         left.set_ylabel("z, m")
     above.scatter(*points[:, :2].T, s=0.5, c=colours, linewidths=0, rasterized=True)
     if tripod is not None:
-        _mark_scanner(above, tripod)
+        above.plot(*tripod.position[:2], "o", color=RED, markersize=5)
+        above.annotate(
+            "scanner",
+            tripod.position[:2],
+            xytext=(7, 6),
+            textcoords="offset points",
+            color=RED,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
+        )
     above.set_aspect("equal")
     above.set_title("Points from above", pad=22)  # over the legend
     above.set_xlabel("x, m")
@@ -107,37 +140,6 @@ def draw_cloud(cloud: Cloud, tripod: Terrestrial | None = None) -> Figure:
     dead = (DEAD,) if (organ == DEAD).any() else ()
     _organ_legend(above, (WOOD, LEAF, GROUND, *dead))
     return figure
-
-
-def _panorama(figure: Figure, axes: Axes, cloud: Cloud, scanner: Terrestrial) -> None:
-    """Distances of the first returns, azimuth by elevation."""
-    (low_az, high_az), (low_el, high_el) = scanner.azimuth_deg, scanner.elevation_deg
-    shown = axes.imshow(
-        np.ma.masked_invalid(range_image(cloud, scanner)),
-        extent=(low_az, high_az, low_el, high_el),
-        origin="lower",
-        aspect="auto",
-        cmap="viridis_r",
-        norm="log",
-        rasterized=True,
-    )
-    axes.set_facecolor(SKY)
-    axes.set_title("Panorama: distance of the first hit")
-    axes.set_xlabel("azimuth, °")
-    axes.set_ylabel("elevation, °")
-    _distance_bar(figure, shown, axes)
-
-
-def _mark_scanner(axes: Axes, scanner: Terrestrial) -> None:
-    axes.plot(*scanner.position[:2], "o", color=RED, markersize=5)
-    axes.annotate(
-        "scanner",
-        scanner.position[:2],
-        xytext=(7, 6),
-        textcoords="offset points",
-        color=RED,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
-    )
 
 
 def draw_reverb(response: ImpulseResponse) -> Figure:
@@ -198,21 +200,6 @@ def _distance_bar(figure: Figure, image: ScalarMappable, axes: Axes) -> None:
     ticks = [t for t in (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500) if low <= t <= high]
     bar.set_ticks(ticks, labels=[f"{t:g}" for t in ticks])
     bar.minorticks_off()
-
-
-def _organ_image(axes: Axes, organ: np.ndarray, extent: tuple[float, ...]) -> None:
-    codes = sorted(ORGANS)
-    axes.imshow(
-        organ,
-        extent=extent,
-        origin="lower",
-        aspect="auto",
-        cmap=ListedColormap([ORGANS[code][1] for code in codes]),
-        norm=BoundaryNorm([codes[0] - 0.5, *(code + 0.5 for code in codes)], len(codes)),
-        interpolation="nearest",
-        rasterized=True,
-    )
-    _organ_legend(axes, (LEAF, WOOD, GROUND, ESCAPED))
 
 
 def _organ_legend(axes: Axes, organs: tuple[int, ...]) -> None:

@@ -30,8 +30,7 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
     """Draw the map of a stand with its outline, contours of the ground and numbers of trees."""
     low, high = corners_of(settings.forest)
     wide, tall = high - low
-    height = float(np.clip(8.6 * tall / wide, 3.2, 9.5))
-    figure = blank_figure((11, height))
+    figure = blank_figure((11, float(np.clip(8.6 * tall / wide, 3.2, 9.5))))
     axes = figure.add_subplot()
     strip = stand_map(stand, settings, inputs).strips[0]
     axes.imshow(strip.pixels, extent=_extent(low, high), origin="lower", zorder=0)
@@ -40,7 +39,10 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
         figure.colorbar(
             *(scale, None, axes), label="intensity, trees/ha", shrink=0.5, aspect=24, anchor=(0, 0)
         ).outline.set_edgecolor(FAINT)
-    _show_outline(axes, settings)
+    field = settings.forest
+    for ring in (field.polygon, *field.holes):
+        if ring:
+            axes.plot(*np.array([*ring, ring[0]]).T, color=INK, linewidth=0.9, zorder=3)
     if inputs.terrain is not None:
         _show_contours(axes, settings, inputs, low, high)
     room = 0.02 * max(wide, tall)
@@ -48,7 +50,27 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
     axes.set_ylim(low[1] - room, high[1] + room)
     _name_axes(axes)
     axes.set_title(strip.title)
-    _name_species(axes, stand, labels)
+    counts, density = stand.counts(), stand.density() * 1e4
+    shown = sorted(range(len(labels)), key=lambda k: -counts[k])[:LEGEND]
+    handles = [
+        Line2D([], [], marker="o", linestyle="none", markersize=7, color=species_colour(k))
+        for k in shown
+    ]
+    each = [f"{d:,.0f}" if d >= 10 else f"{d:.2g}" for d in density]
+    names = [f"{labels[k]}\n{counts[k]:,} trees, {each[k]}/ha" for k in shown]
+    if len(labels) > len(shown):
+        handles.append(Line2D([], [], linestyle="none"))
+        names.append(f"and {len(labels) - len(shown)} more")
+    if handles:
+        axes.legend(
+            handles,
+            names,
+            loc="upper left",
+            bbox_to_anchor=(1.01, 1.0),
+            borderaxespad=0.0,
+            labelspacing=1.0,
+            handletextpad=0.3,
+        )
     return figure
 
 
@@ -76,13 +98,6 @@ def _name_axes(axes: Axes) -> None:
     axes.set_ylabel("y, m")
 
 
-def _show_outline(axes: Axes, settings: Scene) -> None:
-    field = settings.forest
-    for ring in (field.polygon, *field.holes):
-        if ring:
-            axes.plot(*np.array([*ring, ring[0]]).T, color=INK, linewidth=0.9, zorder=3)
-
-
 def _show_contours(
     axes: Axes, settings: Scene, inputs: Inputs, low: np.ndarray, high: np.ndarray
 ) -> None:
@@ -94,30 +109,6 @@ def _show_contours(
     x, y = points[:columns, 0], points[::columns, 1]
     lines = axes.contour(x, y, height, levels=10, colors="#8a7f6b", linewidths=0.6, zorder=1)
     axes.clabel(lines, fmt="%g m", fontsize=7)
-
-
-def _name_species(axes: Axes, stand: Stand, labels: Sequence[str]) -> None:
-    counts, density = stand.counts(), stand.density() * 1e4
-    shown = sorted(range(len(labels)), key=lambda k: -counts[k])[:LEGEND]
-    handles = [
-        Line2D([], [], marker="o", linestyle="none", markersize=7, color=species_colour(k))
-        for k in shown
-    ]
-    each = [f"{d:,.0f}" if d >= 10 else f"{d:.2g}" for d in density]
-    names = [f"{labels[k]}\n{counts[k]:,} trees, {each[k]}/ha" for k in shown]
-    if len(labels) > len(shown):
-        handles.append(Line2D([], [], linestyle="none"))
-        names.append(f"and {len(labels) - len(shown)} more")
-    if handles:
-        axes.legend(
-            handles,
-            names,
-            loc="upper left",
-            bbox_to_anchor=(1.01, 1.0),
-            borderaxespad=0.0,
-            labelspacing=1.0,
-            handletextpad=0.3,
-        )
 
 
 def draw_site(

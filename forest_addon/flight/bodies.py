@@ -52,7 +52,7 @@ class State(RowTable):
         return len(self.heading)
 
     def put(self, rows: np.ndarray, other: State) -> State:
-        """With some flyers replaced."""
+        """A copy in which the flyers of ``rows`` are replaced by ``other``."""
         made = {name: values.copy() for name, values in vars(self).items()}
         for name, values in made.items():
             values[rows] = getattr(other, name)

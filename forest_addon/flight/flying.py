@@ -35,7 +35,7 @@ class Track:
 
     @property
     def seconds(self) -> float:
-        """It lasted."""
+        """Duration of the flight, s."""
         return (len(self.position) - 1) * self.step
 
     @property

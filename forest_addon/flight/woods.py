@@ -316,7 +316,7 @@ class NearbySway:
     def most(
         self, tree: int, low: np.ndarray, high: np.ndarray, knot: np.ndarray | None = None
     ) -> float:
-        """As of ``ForestSway``; at any time no more than the tree is large."""
+        """Largest displacement, as of ``ForestSway``; at most the size of the tree."""
         if knot is None:
             return float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
         return self._sway.most(tree, low, high, knot)

@@ -56,7 +56,7 @@ RASTER = 0.5  # metres, that corners of grids are multiples of
 def guarded(
     what: str, *, key: str = "", meant: tuple[type[Exception], ...] = (), most: int = MOST
 ) -> Callable[[Callable[Concatenate[Path, P], Found]], Callable[Concatenate[StrPath, P], Found]]:
-    """For a function that reads the file of its first argument: it raises a ``SpecError`` or what is meant.
+    """Guard a function that reads the file of its first argument: it raises a ``SpecError`` or what is meant.
 
     what : what the file should be, as in "an npy array". key : the setting that names the file, if the
     sentence should start with that. meant : errors that callers know.

@@ -127,7 +127,7 @@ def _treedata(
 
 
 def _columns(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """As MATLAB has numbers: double, but what fits a byte as it is; (N, 1) or (N, 3)."""
+    """Columns as MATLAB has numbers: double, but what fits a byte as it is; (N, 1) or (N, 3)."""
     return {
         name: values if values.dtype == np.uint8 else values.astype(np.float64)
         for name, values in table.items()

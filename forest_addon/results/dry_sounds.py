@@ -39,11 +39,6 @@ def dry_sound(dry: str, file: Path | None = None) -> tuple[np.ndarray, float]:
     if dry == "call":
         call = synthesise(CALL)
         return call.samples, call.sample_rate / CALL.time_expansion
-    return _clap(), CLAP_RATE
-
-
-def _clap() -> np.ndarray:
-    """(M,) samples of a clap at ``CLAP_RATE``, the largest 1; always the same."""
     from scipy.signal import iirpeak, lfilter
 
     time = np.arange(round(CLAP_LENGTH * CLAP_RATE)) / CLAP_RATE
@@ -52,4 +47,4 @@ def _clap() -> np.ndarray:
     clap = burst * (time / RISE) * np.exp(1.0 - time / RISE)
     loudest = float(np.abs(clap).max())
     assert math.isfinite(loudest)
-    return np.asarray(clap / loudest)
+    return np.asarray(clap / loudest), CLAP_RATE

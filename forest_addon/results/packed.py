@@ -32,15 +32,10 @@ MADE: dict[str, Callable[..., Any]] = {
 Name = Callable[[type], str]
 
 
-def name_alone(kind: type) -> str:
-    """The name of a record without its module."""
-    return kind.__name__
-
-
 def write_values(
     stream: IO[bytes],
     values: Sequence[Any],
-    name_of: Name = name_alone,
+    name_of: Name = lambda kind: kind.__name__,
     left_out: Collection[str] = (),
     most: float = np.inf,
 ) -> bool:

@@ -116,29 +116,24 @@ def records(
         if cloud.bounce is not None:
             part["bounce"] = cloud.bounce[some]
     if before is not None and cloud.waves is not None:
-        _name_packets(rows, cloud, cloud.waves, before)
+        start = cloud.waves.starts
+        length = np.diff(np.append(start, len(cloud.waves.pulse)))
+        step = np.floor(cloud.true_range / cloud.waves.step).astype(np.int64)
+        order = (cloud.waves.pulse[start] << 40) + cloud.waves.index[start]
+        row = np.searchsorted(order, (cloud.pulse << 40) + step, side="right") - 1
+        first = start[np.maximum(row, 0)] if len(start) else row
+        known = np.flatnonzero(row >= 0)
+        inside = cloud.waves.pulse[first[known]] == cloud.pulse[known]
+        inside &= step[known] < cloud.waves.index[first[known]] + length[row[known]]
+        inside &= length[row[known]] <= LONGEST
+        known = known[inside]
+        rows["wave_start"][known] = before + first[known]
+        rows["wave_samples"][known] = length[row[known]]
+        after = cloud.returns.distance[known] - cloud.waves.index[first[known]] * cloud.waves.step
+        rows["return_point_wave_location"][known] = after * 2e12 / LIGHT
+        for name, axis in zip(("x_t", "y_t", "z_t"), _axes(cloud).T, strict=True):
+            rows[name] = axis * LIGHT / 2e12
     return rows
-
-
-def _name_packets(rows: np.ndarray, cloud: Cloud, waves: Waveforms, before: int) -> None:
-    """Fill in where the record of each return stands, of a cloud with waveforms."""
-    start = waves.starts
-    length = np.diff(np.append(start, len(waves.pulse)))
-    step = np.floor(cloud.true_range / waves.step).astype(np.int64)
-    order = (waves.pulse[start] << 40) + waves.index[start]
-    row = np.searchsorted(order, (cloud.pulse << 40) + step, side="right") - 1
-    first = start[np.maximum(row, 0)] if len(start) else row
-    known = np.flatnonzero(row >= 0)
-    inside = waves.pulse[first[known]] == cloud.pulse[known]
-    inside &= step[known] < waves.index[first[known]] + length[row[known]]
-    inside &= length[row[known]] <= LONGEST
-    known = known[inside]
-    rows["wave_start"][known] = before + first[known]
-    rows["wave_samples"][known] = length[row[known]]
-    after = cloud.returns.distance[known] - waves.index[first[known]] * waves.step
-    rows["return_point_wave_location"][known] = after * 2e12 / LIGHT
-    for name, axis in zip(("x_t", "y_t", "z_t"), _axes(cloud).T, strict=True):
-        rows[name] = axis * LIGHT / 2e12
 
 
 def write_points(path: Path, cloud: Cloud, offset: Offset, labels: Labels | None = None) -> None:

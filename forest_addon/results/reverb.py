@@ -322,10 +322,6 @@ def _plot(_reverb: Reverb, response: ImpulseResponse) -> Plot:
     return sound_plot(response.samples, response.sample_rate, decay=True)
 
 
-def _sound(_reverb: Reverb, response: ImpulseResponse) -> tuple[np.ndarray, float]:
-    return channels_of(response), response.sample_rate
-
-
 def wet_sound_of(
     reverb: Reverb, response: ImpulseResponse, dry: np.ndarray, dry_rate: float
 ) -> tuple[np.ndarray, float]:
@@ -372,7 +368,7 @@ REVERB = ResultKind(
     endings=(".wav", ".npz", ".csv", ".sofa"),
     save=_save,
     plot=_plot,
-    sound=_sound,
+    sound=lambda _reverb, response: (channels_of(response), response.sample_rate),
     is_response=True,
     wet=wet_sound_of,
 )

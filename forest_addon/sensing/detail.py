@@ -238,8 +238,7 @@ def _tolerance(
             finest = min(finest, look.footprint(nearest))
     if not beams or not np.isfinite(finest):  # no beam gets there
         return None
-    scale = float(forest.stand.scale[rows].max(initial=1.0))
-    tolerance = OFF * finest / scale
+    tolerance = OFF * finest / float(forest.stand.scale[rows].max(initial=1.0))
     return tolerance if tolerance > WORTH * forest.species[key[0]].detail.tolerance else None
 
 

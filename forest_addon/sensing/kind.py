@@ -182,7 +182,7 @@ class SensorKind:
 
     @property
     def name(self) -> str:
-        """Its word in a scene file."""
+        """Name of this kind in a scene file."""
         return str(self.settings.__dataclass_fields__["kind"].default)
 
 

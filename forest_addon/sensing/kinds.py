@@ -57,7 +57,7 @@ def cost_of(
 
 
 def of_family(sensors: Iterable[Sensor], family: str) -> list[Any]:
-    """Those of some sensors that are of a family: "lidar", "sonar", "reverb"."""
+    """Sensors of a family: "lidar", "sonar" or "reverb"."""
     return [sensor for sensor in sensors if kind_of(sensor).family == family]
 
 

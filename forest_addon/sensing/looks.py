@@ -108,17 +108,13 @@ class SensorLook:
         raise NotImplementedError
 
 
-def _a_line(_distance: float) -> float:
-    return 0.0
-
-
 @dataclass(frozen=True)
 class BeamLook(SensorLook):
     """A scanner: ``resolves`` gives (N,) metres that it tells apart at distances (N,), ``widths`` the
     footprint at one."""
 
     resolves: Callable[[np.ndarray], np.ndarray] = np.zeros_like
-    widths: Callable[[float], float] = _a_line
+    widths: Callable[[float], float] = lambda _distance: 0.0
 
     tells_leaves = True
     meets_wood = True

@@ -15,7 +15,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ..base.rows import distinct, lengths, repeated
+from ..base.rows import distinct, lengths
+from ..base.runs import numbered
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
 from .rays.caster import Hits, hit_normals
@@ -263,8 +264,7 @@ class MovingScene:
         """
         if not len(self.pieces.owner):
             return
-        knot = (time + self.start) * KNOTS
-        block = np.floor(knot / SPAN).astype(np.int64)
+        block = np.floor(((time + self.start) * KNOTS) / SPAN).astype(np.int64)
         hull = self.pieces.hull
         enters, leaves = clip(*hull, origins.T, ways.T, begin, limit)
         near = sound[enters[sound] <= leaves[sound]]
@@ -300,7 +300,7 @@ class MovingScene:
 
 @dataclass(frozen=True, eq=False)
 class PieceWindow:
-    """Some pieces (P,) of trees in a window of time: places (K, P, 3, 4) at its knots, which begin with
+    """Pieces (P,) of trees in a window of time: places (K, P, 3, 4) at its knots, which begin with
     ``first``, and the box (2, 3) that they do not leave."""
 
     first: int
@@ -485,7 +485,7 @@ class CutTrees:
         among them, and these: pieces (M,), ascending of each row, and triangles (M,)."""
         number = self._first[self.mesh[piece]] + triangle
         many = self._many[number]
-        row, which = repeated(np.where(many > 1, many, 0))
+        row, which = numbered(np.where(many > 1, many, 0))
         rank, own = self._copies[:, self._begin[number][row] + which]
         return row, piece[row] + rank - self._rank[number][row], own
 
@@ -521,12 +521,11 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
     pair = distinct((corner * count + piece[:, None]).ravel())
     vertex, of = np.divmod(pair, count)
     first = np.searchsorted(vertex, np.arange(len(mesh.vertices) + 1))
-    many = np.diff(first) > 1
-    seam = np.flatnonzero(many[corner].any(axis=1))
+    seam = np.flatnonzero((np.diff(first) > 1)[corner].any(axis=1))
     rows, where = [np.arange(len(piece))], [piece]
     for side in range(3):
         at = corner[seam, side]
-        held, which = repeated(first[at + 1] - first[at])
+        held, which = numbered(first[at + 1] - first[at])
         rows.append(seam[held])
         where.append(of[first[at][held] + which])
     both = distinct(np.concatenate(where) * len(piece) + np.concatenate(rows))

@@ -167,8 +167,7 @@ class PartByPart:
             if leaving is not None:
                 left = leaving.select(ray)
                 left = replace(left, instance=np.where(left.instance == instance, 0, -1))
-            nearest = np.fmin(max_distance, best.distance)[ray]
-            rays = begin, along, nearest * size
+            rays = begin, along, np.fmin(max_distance, best.distance)[ray] * size
             limits = {"min_distance": min_distance[ray] * size, "leaving": left}
             caster = self._caster(int(instance[0]))
             if isinstance(caster, BentCaster):

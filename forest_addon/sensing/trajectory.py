@@ -97,9 +97,10 @@ class Trajectory:
     def visits(
         self, count: int, azimuth: float = 0.0, elevation: float = 0.0, speed: float = 0.0
     ) -> Trajectory:
-        """So many poses evenly in time, which look along the trajectory and stay level, or are turned from
-        there by these angles, radians, and fly along it at a speed in m/s. The last of one that comes back
-        to its start is left out.
+        """Poses, ``count`` of them evenly in time, which look along the trajectory and stay level.
+
+        azimuth, elevation : radians by which they are turned from there. speed : m/s along the
+        trajectory. The last pose of a trajectory that comes back to its start is left out.
         """
         closed = bool((self.position[0] == self.position[-1]).all())
         last = float(self.time[-1])

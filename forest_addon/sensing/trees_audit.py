@@ -129,7 +129,7 @@ def _leaf_errors(tree: Tree, measured: FoliageDiscs, shoots: bool) -> np.ndarray
 
 
 def points_on_cones(wood: Skeleton, count: int, rng: np.random.Generator) -> np.ndarray:
-    """At most ``count`` points (N, 3) on the cones of a skeleton: above the ground and in no other cone."""
+    """Points (N, 3) on the cones of a skeleton, at most ``count``: above the ground and in no other cone."""
     start, axis, length, radius = _solid(wood)
     area = radius.sum(axis=1) * np.hypot(length, radius[:, 1] - radius[:, 0])
     chosen = rng.choice(len(area), count, p=area / area.sum())
@@ -163,7 +163,7 @@ def _solid(wood: Skeleton) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
 
 
 def _near(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Those of triangles (T, 3, 3) that may be the nearest to a point, by their first corners and sizes."""
+    """Triangles of (T, 3, 3) that may be the nearest to a point, by their first corners and sizes."""
     first = corners[:, 0]
     away = np.linalg.norm(first - point, axis=1)
     size = np.linalg.norm(corners[:, 1:] - first[:, None], axis=2).max(axis=1)
@@ -185,5 +185,4 @@ def _to_triangles(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
         share = np.einsum("ti,ti->t", away, edge) / np.where(square > 0, square, 1.0)
         left = away - np.clip(share, 0.0, 1.0)[:, None] * edge
         nearest = np.minimum(nearest, np.linalg.norm(left, axis=1))
-    height = np.abs(np.einsum("ti,ti->t", point - a, normal))
-    return np.where(over, height, nearest)
+    return np.where(over, np.abs(np.einsum("ti,ti->t", point - a, normal)), nearest)

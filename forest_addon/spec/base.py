@@ -340,7 +340,7 @@ class Settings:
         self.check()
 
     def __repr__(self) -> str:
-        """Those that are not the default, as Python."""
+        """Settings that are not the default, as Python."""
         given = []
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)

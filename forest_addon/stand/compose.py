@@ -1,4 +1,4 @@
-"""From settings to intensities: what a planting says, as one process on its field.
+"""Intensities from settings: what a planting says, as one process on its field.
 
 λ = (base + hills + rasters and paint that are added) · rasters that multiply, within the field's polygon,
 the planting's polygon, its masks and its limits of slope and altitude; scaled to an expected number, or to a
@@ -118,12 +118,12 @@ def process_of(
     process = Process(_product(parts), low, high)
     wanted, asked = planting.expected, f"{planting.expected:g} trees" if planting.expected else ""
     if planting.density is not None:
-        permitted = Process(_product(masks), low, high).expected() if masks else area_of(forest)
+        permitted = Process(_product(masks), low, high).expected if masks else area_of(forest)
         wanted = planting.density * permitted
         asked = f"{planting.density:g} trees/m²" if planting.density else ""
     if wanted is None:
         return process
-    total = process.expected()
+    total = process.expected
     if total <= 0 and asked:
         what = "gaussians" if planting.gaussians and not planting.rasters else "intensity"
         raise IntensityError(

@@ -60,17 +60,11 @@ def _steps() -> Iterator[Step]:
     """Steps of registering, one by one, and how each is taken back."""
     import bpy
 
-    from .properties import FOREST_PG_scene, FOREST_PG_sensor
-
     for cls in _classes():
         yield partial(bpy.utils.register_class, cls), partial(bpy.utils.unregister_class, cls)
-    for owner, name, group in (
-        (bpy.types.Scene, "forest_sensing", FOREST_PG_scene),
-        (bpy.types.Object, "forest_sensor", FOREST_PG_sensor),
-    ):
-        pointer = bpy.props.PointerProperty(type=group)
-        yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     for room in _rooms():
+        for owner, name, prop in getattr(room, "PROPERTIES", ()):
+            yield partial(setattr, owner, name, prop), partial(delattr, owner, name)
         of_windows = () if bpy.app.background else getattr(room, "WINDOW_HANDLERS", ())
         for name, handler in (*getattr(room, "HANDLERS", ()), *of_windows):
             handlers = getattr(bpy.app.handlers, name)
@@ -94,13 +88,13 @@ def _classes() -> list[type]:
     """
     classes: dict[type, None] = {}
     for room in _rooms():
-        own = [c for n, c in vars(room).items() if n.startswith("FOREST_")]
-        own = [*getattr(room, "CLASSES", ()), *(c for c in own if c.__module__ == room.__name__)]
-        classes |= dict.fromkeys(own)
-    for cls in classes:
+        own = [c for c in vars(room).values() if isinstance(c, type)]
+        classes |= dict.fromkeys([*getattr(room, "CLASSES", ()), *own])
+    ours = [cls for cls in classes if cls.__name__.startswith("FOREST_")]
+    for cls in ours:
         if cls.__name__.startswith("FOREST_OT_"):
             cls.bl_idname = cls.__name__.replace("FOREST_OT_", "forest.")
-    return list(classes)
+    return ours
 
 
 ROOMS = (
@@ -116,8 +110,8 @@ ROOMS = (
 def _rooms() -> tuple[ModuleType, ...]:
     """Modules with classes, menus or handlers; panels in the order in which they stand.
 
-    Classes FOREST_* and the made ones in ``CLASSES`` are registered, ``HANDLERS`` appended to the lists of
-    bpy.app.handlers that they name (``WINDOW_HANDLERS`` not in the background), ``MENUS`` to Blender's menus;
-    ``register`` and ``unregister`` do the rest.
+    Classes FOREST_* and the made ones in ``CLASSES`` are registered, ``PROPERTIES`` given to classes of
+    Blender's, ``HANDLERS`` appended to the lists of bpy.app.handlers that they name (``WINDOW_HANDLERS`` not
+    in the background), ``MENUS`` to Blender's menus; ``register`` and ``unregister`` do the rest.
     """
     return tuple(importlib.import_module(f".{name}", __name__) for name in ROOMS)

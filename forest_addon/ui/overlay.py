@@ -31,7 +31,8 @@ from ..spec import Scene, SpecError
 from .settings import exchange
 from .settings.drawing import OnceStarted, is_narrow, split
 from .settings.exchange import forestless
-from .shell.views import chosen_sensor, draw_lines, line_shader
+from .shell.running import panel
+from .shell.views import chosen_sensor, draw_lines, draw_no_more, draw_over, line_shader
 
 CELLS = 96  # of the intensity along the longer side of the field
 LIFT = 0.05  # m above the ground, so that the two do not flicker
@@ -238,39 +239,29 @@ def _batch(
 
 
 DRAWINGS: tuple[Drawing, ...] = (draw_intensity, draw_outlines, draw_points)  # the layers
-_handle: Any = None
 _broken: set[Drawing] = set()  # what failed since something changed
 
 
-class FOREST_PT_view(OnceStarted, bpy.types.Panel):
+@panel("Overlays", OnceStarted, bl_parent_id="FOREST_PT_results")
+def view(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """Switches of the overlays of the 3D view."""
-
-    bl_label = "Overlays"
-    bl_parent_id = "FOREST_PT_results"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        props = context.scene.forest_sensing
-        row = self.layout.column(align=True) if is_narrow() else self.layout.row(align=True)
-        for name in ("show_sensors", "show_intensity", "show_points"):
-            if name != "show_intensity" or not forestless(props):
-                row.prop(props, name, toggle=True)
-        if context.scene.forest_sensing.show_points:
-            split(self.layout).prop(context.scene.forest_sensing, "point_size")
+    props = context.scene.forest_sensing
+    row = tab.layout.column(align=True) if is_narrow() else tab.layout.row(align=True)
+    for name in ("show_sensors", "show_intensity", "show_points"):
+        if name != "show_intensity" or not forestless(props):
+            row.prop(props, name, toggle=True)
+    if props.show_points:
+        split(tab.layout).prop(props, "point_size")
 
 
 def register() -> None:
     """Draw from now on, where there is a view to draw over."""
-    global _handle
-    if not bpy.app.background:
-        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+    draw_over(_draw)
 
 
 def unregister() -> None:
     """Take everything back."""
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+    draw_no_more(_draw)
     forget()
 
 

@@ -43,22 +43,17 @@ BESIDES: dict[type, dict[str, Any]] = {
 }
 
 
-def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
-    """Contents of a group besides its settings."""
-    held = dict(BESIDES.get(settings, {}))
-    for field in fields_of(settings):
-        if field.name in references.REFERENCES and field.kind is str:
-            held |= references.pointers(field.name, words_of(field))
-    return held
-
-
 def _make_group(settings: type[spec.Settings]) -> None:
     """Make the group of a settings class, after those that it holds."""
     for field in fields_of(settings):
         part = {"group": field.kind, "groups": field.item}.get(field.how)
         if part is not None and part not in GROUPS:
             _make_group(part)
-    GROUPS[settings] = make_group(settings, GROUPS, WHEN_SET, _besides(settings))
+    held = dict(BESIDES.get(settings, {}))
+    for field in fields_of(settings):
+        if field.name in references.REFERENCES and field.kind is str:
+            held |= references.pointers(field.name, words_of(field))
+    GROUPS[settings] = make_group(settings, GROUPS, WHEN_SET, held)
 
 
 GROUPS: dict[type, type] = {}
@@ -295,6 +290,10 @@ FOREST_PG_scene = group_class(  # everything that a Blender scene holds of ours
         "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (saved)
         "notice": StringProperty(options={"HIDDEN"}),
     },
+)
+PROPERTIES = (
+    (bpy.types.Scene, "forest_sensing", PointerProperty(type=FOREST_PG_scene)),
+    (bpy.types.Object, "forest_sensor", PointerProperty(type=FOREST_PG_sensor)),
 )
 CLASSES = (
     references.FOREST_PG_heard,

@@ -72,7 +72,12 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
     for sweep in sweeps:
         _tell(sweep, error, seconds, say)
     _write(sweeps, out / "accuracy.csv")
-    draw_sweeps(sweeps, chosen, out / "accuracy.png")
+    columns = min(len(sweeps), COLUMNS)
+    rows = math.ceil(len(sweeps) / columns)
+    figure = blank_figure((6.6 * columns, 3.7 * rows))
+    for number, (sweep, best) in enumerate(zip(sweeps, chosen, strict=True)):
+        _draw(figure.add_subplot(rows, columns, number + 1), sweep, best)
+    save_figure(figure, out / "accuracy.png")
     better = {
         sweep.sensor.name: replace(sweep.sensor, **point.changes)
         for sweep, point in zip(sweeps, chosen, strict=True)
@@ -120,16 +125,6 @@ def _write(sweeps: list[AccuracySweep], path: Path) -> None:
             "unit": [sweep.unit or "share" for sweep, _ in rows],
         },
     )
-
-
-def draw_sweeps(sweeps: list[AccuracySweep], chosen: list[Point], path: Path) -> Path:
-    """Draw all sensors, two in a row, each with its key; returns the path."""
-    columns = min(len(sweeps), COLUMNS)
-    rows = math.ceil(len(sweeps) / columns)
-    figure = blank_figure((6.6 * columns, 3.7 * rows))
-    for number, (sweep, best) in enumerate(zip(sweeps, chosen, strict=True)):
-        _draw(figure.add_subplot(rows, columns, number + 1), sweep, best)
-    return save_figure(figure, path)
 
 
 def _draw(axes: Axes, sweep: AccuracySweep, best: Point) -> None:

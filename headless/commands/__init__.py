@@ -116,10 +116,6 @@ def _out_of_lidar(chosen: argparse.Namespace) -> Path:
     return Path("out") / f"{name}.{chosen.format or 'laz'}"
 
 
-def _lock_of_lidar(chosen: argparse.Namespace) -> Path | None:
-    return None if chosen.list else chosen.out.with_name(f".{chosen.out.stem}.lock")
-
-
 def _kept_of_lidar(chosen: argparse.Namespace) -> str:
     if chosen.like:
         return "nothing was written"
@@ -587,7 +583,9 @@ with the same command and --resume, to the same bytes.""",
         is_folder=False,
         default=_out_of_lidar,
         least={"seed": 0, "chunk": 1},
-        lock=_lock_of_lidar,
+        lock=lambda chosen: (
+            None if chosen.list else chosen.out.with_name(f".{chosen.out.stem}.lock")
+        ),
         kept=_kept_of_lidar,
         options={
             "blend": {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,38 +37,28 @@ from forest_addon.spec import SpecError, Species
 def run(chosen: argparse.Namespace) -> None:
     """Fit laws, or check a species."""
     if chosen.action == "fit":
-        fit_table(Path(chosen.what), chosen.kind, chosen.source, chosen.out)
+        table = Path(chosen.what)
+        measured = read_measured(table)
+        chosen.out.mkdir(parents=True, exist_ok=True)
+        print(
+            f"{'kind':22} {'trees':>17}  90 % at its middle diameter: height m, width m, base m, leaves m²"
+        )
+        for kind in chosen.kind or KINDS:
+            fitted = fit_kind(kind, measured, chosen.source or table.name)
+            write_settings(chosen.out / f"{file_stem(kind)}.toml", fitted)
+            trees = "/".join(str(getattr(fitted, name).trees) for name in MEASURES)
+            dbh = float(np.sqrt(np.prod(fitted.height.dbh)))
+            low, high = band(fitted, np.array([dbh]))[:, 0]
+            spans = ", ".join(f"{a:.1f}-{b:.1f}" for a, b in zip(low, high, strict=True))
+            lent = {getattr(fitted, name).of for name in MEASURES} - {""}
+            note = f" (with {', '.join(sorted(lent))})" if lent else ""
+            print(f"{kind:22} {trees:>17}  {dbh:.2f} m: {spans}{note}")
+        print(f"Done: {len(chosen.kind or KINDS)} files in {chosen.out}")
     else:
         check_species(chosen.what, chosen.trees)
 
 
 LEAVES = 1000  # whose inclination is tested
-
-
-def fit_table(table: Path, kinds: Sequence[str], source: str, out: Path) -> None:
-    """Fit every kind and write its file into ``out``.
-
-    Raises
-    ------
-    SpecError : the table cannot be used; a kind is not in it.
-    """
-
-    measured = read_measured(table)
-    out.mkdir(parents=True, exist_ok=True)
-    print(
-        f"{'kind':22} {'trees':>17}  90 % at its middle diameter: height m, width m, base m, leaves m²"
-    )
-    for kind in kinds or KINDS:
-        fitted = fit_kind(kind, measured, source or table.name)
-        write_settings(out / f"{file_stem(kind)}.toml", fitted)
-        trees = "/".join(str(getattr(fitted, name).trees) for name in MEASURES)
-        dbh = float(np.sqrt(np.prod(fitted.height.dbh)))
-        low, high = band(fitted, np.array([dbh]))[:, 0]
-        spans = ", ".join(f"{a:.1f}-{b:.1f}" for a, b in zip(low, high, strict=True))
-        lent = {getattr(fitted, name).of for name in MEASURES} - {""}
-        note = f" (with {', '.join(sorted(lent))})" if lent else ""
-        print(f"{kind:22} {trees:>17}  {dbh:.2f} m: {spans}{note}")
-    print(f"Done: {len(kinds or KINDS)} files in {out}")
 
 
 def check_species(name: str, trees: int) -> None:

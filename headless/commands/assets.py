@@ -14,7 +14,7 @@ from forest_addon.base.progress import Say
 from forest_addon.blender.scene.assets import FILE, grow_exhibits, write_species
 from forest_addon.drawing.figures import save_figure
 from forest_addon.drawing.palette import INK, PAPER
-from forest_addon.growth.library import find_species, load_species, species_names
+from forest_addon.growth.library import find_species, load_species, presets
 
 from ..command import refuse_beyond
 
@@ -46,7 +46,7 @@ def make_library(
     """
 
     refuse_beyond("--variants", variants, 1, MOST)
-    loaded = [load_species(find_species(name, Path())) for name in names or species_names()]
+    loaded = [load_species(find_species(name, Path())) for name in names or presets("species")]
     say(f"{'species':<20}{'trees':>6}{'height':>14}{'DBH':>16}{'leaves':>20}{'file':>10}")
     files = []
     for species, template in loaded:
@@ -93,8 +93,7 @@ def draw_sheet(files: Sequence[Path], path: Path) -> Path:
 
     shown = [pair for file in files for pair in sorted(pictures_of(file).items())]
     columns = max(1, min(8, math.ceil(math.sqrt(1.6 * len(shown)))))
-    rows = math.ceil(len(shown) / columns)
-    wide, high = columns * CELL, rows * (CELL + LABEL)
+    wide, high = columns * CELL, math.ceil(len(shown) / columns) * (CELL + LABEL)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure = Figure(figsize=(wide / 200, high / 200), dpi=200, facecolor=PAPER)
     axes = figure.add_axes((0, 0, 1, 1))

@@ -79,7 +79,23 @@ def look_up_in(
         {"point": points[:SHOWN], "picture": np.array(pictures)},
         {"point": "m"},
     )
-    draw_hemispheres(pictures, points, seen, out / "hemispheres.png")
+    count = len(pictures) + 1
+    columns = math.ceil(math.sqrt(count))
+    rows = math.ceil(count / columns)
+    figure = blank_figure((3.4 * columns, 3.5 * rows))
+    colours = ListedColormap(["#ffffff", SKY, "#8d8d99", BARK, LEAF_GREEN, SOIL])
+    norm = BoundaryNorm(np.arange(-2.5, 4), 6)
+    for number, (picture, point) in enumerate(zip(pictures, points, strict=False)):
+        axes = figure.add_subplot(rows, columns, number + 1)
+        axes.imshow(picture, cmap=colours, norm=norm, interpolation="nearest")
+        axes.set_axis_off()
+        axes.set_title(f"({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) m")
+    axes = figure.add_subplot(rows, columns, count)
+    axes.plot(np.rad2deg(seen.zenith), seen.gap, "o-", color=LEAF_GREEN, markersize=3)
+    axes.set_xlabel("zenith angle, °")
+    axes.set_ylabel("gap fraction")
+    axes.set_ylim(0, 1)
+    save_figure(figure, out / "hemispheres.png")
     say(f"Done: gaps.csv, hemispheres.npz and hemispheres.png in {out}")
     return seen
 
@@ -97,29 +113,6 @@ def lines(world: World, seen: Canopy) -> list[str]:
     if leaf + wood > 0:
         told.append(f"  clumping, effective / true {seen.effective / (leaf + wood):8.3f}")
     return told
-
-
-def draw_hemispheres(
-    pictures: Sequence[np.ndarray], points: np.ndarray, seen: Canopy, path: Path
-) -> Path:
-    """The pictures side by side, and the gap fraction over the zenith angle."""
-    count = len(pictures) + 1
-    columns = math.ceil(math.sqrt(count))
-    rows = math.ceil(count / columns)
-    figure = blank_figure((3.4 * columns, 3.5 * rows))
-    colours = ListedColormap(["#ffffff", SKY, "#8d8d99", BARK, LEAF_GREEN, SOIL])
-    norm = BoundaryNorm(np.arange(-2.5, 4), 6)
-    for number, (picture, point) in enumerate(zip(pictures, points, strict=False)):
-        axes = figure.add_subplot(rows, columns, number + 1)
-        axes.imshow(picture, cmap=colours, norm=norm, interpolation="nearest")
-        axes.set_axis_off()
-        axes.set_title(f"({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) m")
-    axes = figure.add_subplot(rows, columns, count)
-    axes.plot(np.rad2deg(seen.zenith), seen.gap, "o-", color=LEAF_GREEN, markersize=3)
-    axes.set_xlabel("zenith angle, °")
-    axes.set_ylabel("gap fraction")
-    axes.set_ylim(0, 1)
-    return save_figure(figure, path)
 
 
 def _point(text: str) -> tuple[float, ...]:

@@ -22,7 +22,27 @@ from forest_addon.spec import Siblings, SpecError, Species
 
 def run(chosen: argparse.Namespace) -> None:
     """Derive the string."""
-    derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
+    generations = chosen.generations
+    species = read_settings(find_species(chosen.species, Path()), Species)
+    if species.siblings is not None:
+        text = _fitted(find_species(chosen.species, Path()), generations, chosen.seed)
+        branches = text.count("[") - text.count("~")
+        size = f"{len(text):,} characters, {branches:,} side branches"
+        sys.stdout.write((size if chosen.count else text) + "\n")
+        return
+    system, dialect, generations = _system(species, generations)
+    if chosen.count:
+        size: Prediction = predict(system, generations)
+        symbols, branches = size.symbols, sum(size.letters.get(b, 0) for b in BRANCHES[dialect])
+        if not size.exact:
+            if system.stochastic and not system.conditional:
+                print(f"expected: {written(symbols)} symbols, {written(branches)} branches")
+            word = _derive(system, generations, chosen.seed)
+            seen = np.bincount(word.codes, minlength=256)
+            symbols, branches = len(word), sum(int(seen[ord(b)]) for b in BRANCHES[dialect])
+        print(f"{written(symbols)} symbols, {written(branches)} branches")
+        return
+    sys.stdout.write(_derive(system, generations, chosen.seed).text() + "\n")
 
 
 # Symbols that begin a side branch.
@@ -32,29 +52,6 @@ BRANCHES = {
     "simlidar": "[",
     "ABOP": "[",
 }
-
-
-def derive_species(name: str, generations: int | None, seed: int, count: bool) -> None:
-    """Print the string of a species, or with ``count`` its symbols and branches.
-
-    Raises
-    ------
-    SpecError : no such species, or one that is not grown by an L-system.
-    ValueError : a string that would be too long; says how long.
-    """
-
-    species = read_settings(find_species(name, Path()), Species)
-    if species.siblings is not None:
-        text = _fitted(find_species(name, Path()), generations, seed)
-        branches = text.count("[") - text.count("~")
-        size = f"{len(text):,} characters, {branches:,} side branches"
-        sys.stdout.write((size if count else text) + "\n")
-        return
-    system, dialect, generations = _system(species, generations)
-    if count:
-        _print_counts(system, dialect, generations, seed)
-        return
-    sys.stdout.write(_derive(system, generations, seed).text() + "\n")
 
 
 def _fitted(path: Path, generations: int | None, seed: int) -> str:
@@ -87,16 +84,3 @@ def _system(species: Species, generations: int | None) -> tuple[System, str, int
 def _derive(system: System, generations: int, seed: int) -> Word:
 
     return rewrite(system, generations, stream(seed, "derive"))
-
-
-def _print_counts(system: System, dialect: str, generations: int, seed: int) -> None:
-
-    size: Prediction = predict(system, generations)
-    symbols, branches = size.symbols, sum(size.letters.get(b, 0) for b in BRANCHES[dialect])
-    if not size.exact:
-        if system.stochastic and not system.conditional:
-            print(f"expected: {written(symbols)} symbols, {written(branches)} branches")
-        word = _derive(system, generations, seed)
-        seen = np.bincount(word.codes, minlength=256)
-        symbols, branches = len(word), sum(int(seen[ord(b)]) for b in BRANCHES[dialect])
-    print(f"{written(symbols)} symbols, {written(branches)} branches")

@@ -28,7 +28,7 @@ from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
 from forest_addon.spec import Forest, Gaussian, Normal, Planting, Raster, Scene, SpecError, Targets
 from forest_addon.stand.compose import Inputs, process_of
 from forest_addon.stand.files import read_terrain, refuse_sizes
-from forest_addon.stand.layouts import Process, sample
+from forest_addon.stand.layouts import sample
 from forest_addon.stand.statistics.intensity import (
     FittedMixture,
     KernelEstimate,
@@ -261,7 +261,18 @@ def _grown(
     estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
     planting, inputs = _planting(kind, estimate, file)
     process = process_of(planting, mapped.field, inputs)
-    fitness = examine(points, frame, law_of(estimate, partial(_simulate, process, mapped.name)))
+    fitness = examine(
+        points,
+        frame,
+        law_of(
+            estimate,
+            partial(
+                lambda process, name, number: sample(process, stream(0, "goodness", name, number)),
+                process,
+                mapped.name,
+            ),
+        ),
+    )
     others: list[ChosenLaw] = []
     if isinstance(estimate, FittedMixture):
         by_chance = ChosenLaw("poisson", estimate, planting, fitness)
@@ -275,10 +286,6 @@ def _grown(
     if others:
         say(f"    tried too: {', '.join(_words(one) for one in others)}")
     return grown, {file: raster.pixels for file, raster in inputs.rasters.items()}
-
-
-def _simulate(process: Process, name: str, number: int) -> np.ndarray:
-    return sample(process, stream(0, "goodness", name, number))
 
 
 def _window(words: Sequence[str]) -> Window:

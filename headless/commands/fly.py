@@ -131,8 +131,46 @@ def fly_scene(
             for note in world.forest.notes:
                 stages.warn(note)
     stock.settings = whole
-    write_tracks(out / "trajectories.csv", cells)
-    write_success(out / "success.csv", cells)
+    columns: dict[str, list] = {
+        name: []
+        for name in (
+            *("flight", "seed", "forest", "speed_m_s", "density", "end", "time_s"),
+            *("x_m", "y_m", "z_m", "heading_rad", "nearest_m"),
+        )
+    }
+    number = 0
+    for cell in cells:
+        for track in cell.tracks:
+            count = len(track.position)
+            same = (number, track.seed, track.forest, cell.speed, cell.density, track.end)
+            for name, value in zip(list(columns)[:6], same, strict=True):
+                columns[name] += [value] * count
+            columns["time_s"] += np.round(np.arange(count) * track.step, 6).tolist()
+            for axis, name in enumerate(("x_m", "y_m", "z_m")):
+                columns[name] += np.round(track.position[:, axis], 4).tolist()
+            columns["heading_rad"] += np.round(track.heading, 5).tolist()
+            columns["nearest_m"] += np.round(track.nearest, 3).tolist()
+            number += 1
+    write_csv(out / "trajectories.csv", columns)
+    rows = []
+    for cell in cells:
+        low, high = interval(cell.arrived, len(cell.tracks))
+        rows.append(
+            {
+                "speed_m_s": cell.speed,
+                "density": cell.density,
+                "trees_per_m2": round(cell.trees, 6),
+                "flights": len(cell.tracks),
+                "arrived": cell.arrived,
+                "crashed": sum(track.end == "crashed" for track in cell.tracks),
+                "late": sum(track.end == "late" for track in cell.tracks),
+                "share": round(cell.arrived / len(cell.tracks), 4),
+                "from": round(low, 4),
+                "to": round(high, 4),
+                "mean_speed_m_s": round(_mean_speed(cell), 3),
+            }
+        )
+    write_csv(out / "success.csv", {name: [row[name] for row in rows] for name in rows[0]})
     draw_flights(out / "flights.png", cells, *first, title=f"{whole.name}: {policy}")
     names = "trajectories.csv, success.csv, flights.png"
     if blend:
@@ -141,24 +179,17 @@ def fly_scene(
         names += ", flights.blend"
     tracks = cells[0].tracks[:bags]
     for number, track in enumerate(tracks):
-        write_track_bag(out / f"flight-{number:04d}.mcap", track, lidar_of(whole).max_range)
+        time = np.arange(len(track.position)) * track.step
+        turn = Rotation.from_euler("Z", track.heading[:, None])
+        write_bag(
+            out / f"flight-{number:04d}.mcap",
+            BagWay(time, track.position, turn, track.nearest),
+            reach=lidar_of(whole).max_range,
+        )
     if tracks:
         names += f", {len(tracks)} bags: flight-0000.mcap and on"
     say(f"Written to {out}: {names}")
     return cells
-
-
-def write_track_bag(path: Path, track: Track, reach: float) -> None:
-    """Write a flight as a ROS 2 bag: its way, and the range of what was nearest. reach : metres sensed.
-
-    Raises
-    ------
-    SpecError : the library rosbags is missing.
-    """
-
-    time = np.arange(len(track.position)) * track.step
-    turn = Rotation.from_euler("Z", track.heading[:, None])
-    write_bag(path, BagWay(time, track.position, turn, track.nearest), reach=reach)
 
 
 def thinned(settings: Scene, factor: float) -> Scene:
@@ -218,56 +249,6 @@ def _cell(
 def _mean_speed(cell: FlightCell) -> float:
     seconds = sum(track.seconds for track in cell.tracks)
     return sum(track.flown for track in cell.tracks) / seconds if seconds else 0.0
-
-
-def write_tracks(path: Path, cells: Sequence[FlightCell]) -> None:
-    """Every step of every flight, a row each."""
-
-    columns: dict[str, list] = {
-        name: []
-        for name in (
-            *("flight", "seed", "forest", "speed_m_s", "density", "end", "time_s"),
-            *("x_m", "y_m", "z_m", "heading_rad", "nearest_m"),
-        )
-    }
-    number = 0
-    for cell in cells:
-        for track in cell.tracks:
-            count = len(track.position)
-            same = (number, track.seed, track.forest, cell.speed, cell.density, track.end)
-            for name, value in zip(list(columns)[:6], same, strict=True):
-                columns[name] += [value] * count
-            columns["time_s"] += np.round(np.arange(count) * track.step, 6).tolist()
-            for axis, name in enumerate(("x_m", "y_m", "z_m")):
-                columns[name] += np.round(track.position[:, axis], 4).tolist()
-            columns["heading_rad"] += np.round(track.heading, 5).tolist()
-            columns["nearest_m"] += np.round(track.nearest, 3).tolist()
-            number += 1
-    write_csv(path, columns)
-
-
-def write_success(path: Path, cells: Sequence[FlightCell]) -> None:
-    """A row a speed and density: how many arrive, with the interval of 95 %."""
-
-    rows = []
-    for cell in cells:
-        low, high = interval(cell.arrived, len(cell.tracks))
-        rows.append(
-            {
-                "speed_m_s": cell.speed,
-                "density": cell.density,
-                "trees_per_m2": round(cell.trees, 6),
-                "flights": len(cell.tracks),
-                "arrived": cell.arrived,
-                "crashed": sum(track.end == "crashed" for track in cell.tracks),
-                "late": sum(track.end == "late" for track in cell.tracks),
-                "share": round(cell.arrived / len(cell.tracks), 4),
-                "from": round(low, 4),
-                "to": round(high, 4),
-                "mean_speed_m_s": round(_mean_speed(cell), 3),
-            }
-        )
-    write_csv(path, {name: [row[name] for row in rows] for name in rows[0]})
 
 
 def _save(path: Path, cell: FlightCell, world: FlightSurroundings) -> None:

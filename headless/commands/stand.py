@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 
-from forest_addon.base.progress import Say
 from forest_addon.results.coordinates import FILE, note_of, write_note
 from forest_addon.results.tables import write_stand
 from forest_addon.site import ForestSite, check_species
 from forest_addon.spec import SpecError
 from forest_addon.spec.choices import idle, idle_in_scene
 from forest_addon.stand.files import read_inputs
-from forest_addon.stand.plan import Stand, labels
+from forest_addon.stand.plan import labels
 
 from ..command import read_scene
 from ..progress import Stages
@@ -26,57 +24,14 @@ from ..report import can_draw, without
 
 def run(chosen: argparse.Namespace) -> None:
     """Sample the stand."""
-    sample_stand(chosen.scene, chosen.out, chosen.seed)
-
-
-def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:
-    """Plan the stand of a scene file; write positions and map.
-
-    Raises
-    ------
-    SpecError : the scene, or a file that it names, cannot be used; ``out`` cannot be written.
-    ValueError : an intensity that cannot be used, or asks for too many trees.
-    """
-
-    settings = read_scene(scene, seed)
-    folder = scene.resolve().parent
+    settings = read_scene(chosen.scene, chosen.seed)
+    folder = chosen.scene.resolve().parent
     check_species(settings, folder)
     site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))  # no tree is grown
     started = time.perf_counter()
     stand = site.plan()
     took = time.perf_counter() - started
     names = labels(settings.plantings)
-    for line in (*site.inputs.told, *stand_lines(stand, names)):
-        say(line)
-    stages = Stages(quiet=False)
-    named = zip(names, settings.plantings, strict=True)
-    said = [f"{name}: {one}" for name, planting in named for one in idle(planting)]
-    for sentence in (*said, *idle_in_scene(settings)):
-        stages.warn(sentence)
-    if names and not len(stand):
-        stages.warn("no tree stands: expect more, or a larger field")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise SpecError(
-            f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
-        ) from None
-    write_stand(out, stand, names, settings.offset, settings.crs)
-    write_note(out.with_name(f"{out.stem}-{FILE}"), settings.offset, settings.crs)
-    if not can_draw():
-        say(without("The map is plain"))
-    from ..report.page import draw_stand
-
-    picture = draw_stand(stand, names, settings, site.inputs, out.with_suffix(".png"))
-    say(f"\nSampled in {took:.2f} s. Wrote {out} and {picture}")
-    note = note_of(settings.offset, settings.crs)
-    if note:
-        say(note[:1].upper() + note[1:] + ".")
-    return stand
-
-
-def stand_lines(stand: Stand, names: list[str]) -> list[str]:
-    """A table: what was expected of every planting, what stands, what was taken away and why."""
     width = max([8, *map(len, names)])
     lines = [
         f"{'species':<{width}}{'expected':>14}{'trees':>11}{'trees/ha':>11}"
@@ -95,4 +50,30 @@ def stand_lines(stand: Stand, names: list[str]) -> list[str]:
             f"{density.sum():>11,.1f}{stand.removed:>10,}{stand.off_ground.sum():>11,}"
             f"{stand.off_field.sum():>11,}"
         )
-    return lines
+    for line in (*site.inputs.told, *lines):
+        print(line)
+    stages = Stages(quiet=False)
+    named = zip(names, settings.plantings, strict=True)
+    said = [f"{name}: {one}" for name, planting in named for one in idle(planting)]
+    for sentence in (*said, *idle_in_scene(settings)):
+        stages.warn(sentence)
+    if names and not len(stand):
+        stages.warn("no tree stands: expect more, or a larger field")
+    try:
+        chosen.out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise SpecError(
+            f"--out {chosen.out}",
+            f"cannot be written to ({problem.strerror}); choose another folder",
+        ) from None
+    write_stand(chosen.out, stand, names, settings.offset, settings.crs)
+    write_note(chosen.out.with_name(f"{chosen.out.stem}-{FILE}"), settings.offset, settings.crs)
+    if not can_draw():
+        print(without("The map is plain"))
+    from ..report.page import draw_stand
+
+    picture = draw_stand(stand, names, settings, site.inputs, chosen.out.with_suffix(".png"))
+    print(f"\nSampled in {took:.2f} s. Wrote {chosen.out} and {picture}")
+    note = note_of(settings.offset, settings.crs)
+    if note:
+        print(note[:1].upper() + note[1:] + ".")

@@ -22,13 +22,12 @@ from forest_addon.growth.library import (
     load_species,
     make_library,
 )
-from forest_addon.growth.likeness import Verdict
 from forest_addon.growth.own_tree.anatomy import OFF, Anatomy
 from forest_addon.growth.own_tree.pieces import Group
 from forest_addon.growth.own_tree.relay import farthest_off, hold_rings
 from forest_addon.growth.own_tree.sibling import Grown, grow_sibling
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.spec import Siblings, SpecError, Species
+from forest_addon.spec import Siblings, SpecError
 
 from ..command import PROGRAM, UnlikeError
 from ..progress import Stages, hushed
@@ -96,7 +95,16 @@ def make_template(
     if made.verdict is not None:
         _show_siblings(made, min(SENSED, siblings), out / "siblings.png", say)
         written += ", siblings.png" if can_draw() else ""
-        _tell_verdict(made.verdict, written, accept, say)
+        if made.verdict.variety < 1:
+            say(f"Variety: {made.verdict.variety:g}, with which siblings come nearest to the tree")
+        if made.verdict.missed:
+            say(f"In doubt: {made.verdict.sentence}.")
+        if not made.verdict.stands and not accept:
+            say(f"Wrote {written}, and no scene.")
+            raise UnlikeError(
+                f"{made.verdict.sentence}; look at siblings.png and recognised.png, mend the mesh, or plant "
+                "them all the same with --accept"
+            )
     say(f"Wrote {written} and scene.toml.")
     say(f"Next: {PROGRAM} run {out / 'scene.toml'}")
     return made.species
@@ -111,25 +119,6 @@ def _drawn(problem: NotUnderstoodError, name: str, out: Path) -> str:
     out.mkdir(parents=True, exist_ok=True)
     picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
     return f"{problem.problem.removesuffix('.')} (see {picture})."
-
-
-def _tell_verdict(verdict: Verdict, written: str, accept: bool, say: Say) -> None:
-    """Say whether siblings may be planted.
-
-    Raises
-    ------
-    UnlikeError : they may not, and were not accepted.
-    """
-    if verdict.variety < 1:
-        say(f"Variety: {verdict.variety:g}, with which siblings come nearest to the tree")
-    if verdict.missed:
-        say(f"In doubt: {verdict.sentence}.")
-    if not verdict.stands and not accept:
-        say(f"Wrote {written}, and no scene.")
-        raise UnlikeError(
-            f"{verdict.sentence}; look at siblings.png and recognised.png, mend the mesh, or plant "
-            "them all the same with --accept"
-        )
 
 
 def _groups(wood: Path, leaves: Path | None) -> list[Group]:
@@ -202,7 +191,11 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
 
     verdict = made.verdict
     species, template = load_species(made.species)
-    itself = grow(_varied(species, 0.0), template, stream(0, "template"))
+    itself = grow(
+        replace(species, siblings=replace(species.siblings or Siblings(), variety=0.0)),
+        template,
+        stream(0, "template"),
+    )
     anatomy = made.habit.anatomy
     rebuilt = grow_sibling(made.habit, Siblings(variety=0.0), 0)
     off = farthest_off(anatomy, rebuilt)
@@ -225,10 +218,6 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
             shown = [sibling(number) for number in range(SHOWN)]
             render_three(made.found, made.unit.metres, itself, shown, species.look, path)
     tell_likeness(likeness, verdict.siblings, sensed, say)
-
-
-def _varied(species: Species, variety: float) -> Species:
-    return replace(species, siblings=replace(species.siblings or Siblings(), variety=variety))
 
 
 def _tell(made: Library, brought: Brought, say: Say) -> None:

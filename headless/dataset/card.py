@@ -270,7 +270,9 @@ def write_card(plan: Plan, wanted: Sequence[Recipe], root: Path) -> None:
     """Write README.md, loader.py, legend.csv, overview.png and varied.png of a dataset."""
     done = list(disk.scenes_done(root))
     write_whole(root / "loader.py", LOADER.read_bytes())
-    write_names(root / LEGEND)
+    rows = [(file, name, words) for file, known in NAMES.items() for name, words in known.items()]
+    file, name, words = zip(*rows, strict=True)
+    write_csv(root / LEGEND, {"file": list(file), "name": list(name), "meaning": list(words)})
     if done:
         draw_overview(done, plan.head.seed, root / "overview.png")
         draw_varied(done, root / "varied.png")
@@ -283,6 +285,8 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
     points = sum(sum(record["points"].values()) for record in records)
     species = sorted({name for record in records for name in record["species"]})
     lost = len(wanted) - len(done)
+    files = [disk.RECORD, *(name for record in records for name in record["files"])]
+    whys = [why for record in records for why in record.get("empty", {}).values()]
     lines = [
         f"# {_text(plan.head.name)}",
         "",
@@ -299,7 +303,7 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         f"| leaf area | {sum(record['leaf_area_m2'] for record in records):,.0f} m² |",
         f"| species | {_text(', '.join(species)) or 'none'} |",
         f"| points | {points:,} |",
-        *_what_is_empty(records),
+        *([f"| empty | {len(whys):,} results; first: {_text(whys[0])} |"] if whys else []),
         f"| size | {sum(one.size for one in done) / 1e9:.2f} GB |",
         *(
             f"| {split} | {sum(r['split'] == split for r in records):,} scenes |"
@@ -318,7 +322,11 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         *_what_varied(plan),
         "## What a scene's folder holds",
         "",
-        *(f"- `{name}`: {what}" for name, what in FILES.items() if _is_there(name, records)),
+        *(
+            f"- `{name}`: {what}"
+            for name, what in FILES.items()
+            if any(file.endswith(name.replace("NAME", "").replace("*", "")) for file in files)
+        ),
         "",
         "![What varied](varied.png)",
         "",
@@ -335,12 +343,6 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
     return "\n".join(lines)
 
 
-def _what_is_empty(records: Sequence[dict[str, Any]]) -> list[str]:
-    """A row that counts results without a point or an echo, and scenes without a tree."""
-    whys = [why for record in records for why in record.get("empty", {}).values()]
-    return [f"| empty | {len(whys):,} results; first: {_text(whys[0])} |"] if whys else []
-
-
 def _text(words: str) -> str:
     """Words as Markdown shows them: no tag, no link, no cell of their own."""
     shown = html.escape(" ".join(plain(words).split()), quote=False)
@@ -350,13 +352,6 @@ def _text(words: str) -> str:
 def _code(words: str) -> str:
     """Words between backticks of a table: an entity would be shown as it is."""
     return " ".join(plain(words).replace("`", "'").replace("|", "\\|").split())
-
-
-def _is_there(pattern: str, records: Sequence[dict[str, Any]]) -> bool:
-    ending = pattern.replace("NAME", "").replace("*", "")
-    return any(name.endswith(ending) for record in records for name in record["files"]) or (
-        ending == disk.RECORD
-    )
 
 
 def _what_varied(plan: Plan) -> list[str]:
@@ -594,10 +589,3 @@ def meaning_of(file: str, name: str) -> str:
         if key.startswith("*") and name.endswith(key[1:]):
             return words
     return ""
-
-
-def write_names(path: Path) -> None:
-    """Write the legend of all names as CSV."""
-    rows = [(file, name, words) for file, known in NAMES.items() for name, words in known.items()]
-    file, name, words = zip(*rows, strict=True)
-    write_csv(path, {"file": list(file), "name": list(name), "meaning": list(words)})

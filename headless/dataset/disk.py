@@ -209,9 +209,14 @@ def write_status(root: Path, number: int, status: Mapping[str, Any]) -> None:
 
 def read_status(root: Path, number: int) -> dict[str, Any]:
     """Status of a scene; empty where that is not known."""
+    return _read_json(_note(root, number))
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """A table of a file of ours; empty where it cannot be read."""
     try:
-        status = json.loads(_note(root, number).read_text(encoding="utf-8"))
-        return status if isinstance(status, dict) else {}
+        table = json.loads(path.read_text(encoding="utf-8"))
+        return table if isinstance(table, dict) else {}
     except (OSError, ValueError):
         return {}
 
@@ -304,7 +309,8 @@ def write_shards(root: Path, size: int) -> list[Path]:
     """
     folder = root / FOLDER
     folder.mkdir(exist_ok=True)
-    before = _packed(folder / INDEX)
+    # the tars that an earlier command packed
+    before = {Path(name).name for name in _read_json(folder / INDEX)}
     claim(folder / INDEX)
     written = []
     done = list(scenes_done(root))
@@ -322,14 +328,6 @@ def write_shards(root: Path, size: int) -> list[Path]:
         remove(folder / old)
     write_whole(index, json.dumps(counts, indent=1) + "\n")
     return written
-
-
-def _packed(index: Path) -> set[str]:
-    """Names of the tars that an earlier command packed."""
-    try:
-        return {Path(name).name for name in json.loads(index.read_text(encoding="utf-8"))}
-    except (OSError, ValueError, TypeError):
-        return set()
 
 
 def _pack(path: Path, scenes: list[Done]) -> Path:

@@ -45,7 +45,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import module_from_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
@@ -68,7 +68,7 @@ DISK = (
 )
 
 
-class WorkerJob(Protocol):
+class WorkerJob:
     """Work of one process, and how much it may take: bytes of memory, threads that cast rays.
 
     number : of the job; the lowest are done first. name : of what it makes, in messages.
@@ -77,32 +77,26 @@ class WorkerJob(Protocol):
     running: Running
     memory: float
     threads: int
-
-    @property
-    def number(self) -> int: ...
-
-    @property
-    def name(self) -> str: ...
+    number: int
+    name: str
 
     def is_done(self) -> bool:
-        """Return whether another worker has finished it meanwhile."""
-        ...
+        """Return whether another worker has finished it meanwhile; False: that is not known."""
+        return False
 
     def make(self, session: Any) -> dict[str, float]:
         """Do it, in a process with Blender; returns CPU seconds of each stage."""
-        ...
+        raise NotImplementedError
 
     def note(self, outcome: SceneOutcome) -> None:
-        """Write down how it went."""
-        ...
+        """Write down how it went, where what is made does not say so itself."""
 
     def smaller(self) -> WorkerJob | None:
         """Return the same work in parts that need less memory; None: it cannot be cut."""
-        ...
 
 
 @dataclass(frozen=True)
-class SceneJob:
+class SceneJob(WorkerJob):
     """A scene of the dataset in the folder ``root``, as a ``WorkerJob``."""
 
     root: Path
@@ -157,9 +151,6 @@ class SceneJob:
         status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
         disk.write_status(self.root, self.recipe.number, status)
 
-    def smaller(self) -> None:
-        """See ``WorkerJob``."""
-
 
 @dataclass(frozen=True)
 class SceneOutcome:
@@ -192,22 +183,16 @@ def _begin(threads: int, words: Path) -> None:
     for stream in (1, 2):
         os.dup2(said, stream)
     threading.Thread(target=_end_with_starter, daemon=True).start()
-    _import_blender()
-    from .scene import Session
-
-    _session = Session(threads)
-    atexit.register(os._exit, 0)  # Blender may hang when its interpreter ends
-
-
-def _import_blender() -> None:
-    """Import Blender from where it is installed: with a starter that has loaded it come its own modules, the
-    inner ``bpy`` among them.
-    """
+    # From where it is installed: with a starter that has loaded it come its own modules, an inner ``bpy``.
     with contextlib.suppress(PackageNotFoundError):  # it came otherwise, and is imported as usual
         spec = PathFinder.find_spec("bpy", [str(distribution("bpy").locate_file(""))])
         if spec is not None and spec.loader is not None:
             sys.modules["bpy"] = module_from_spec(spec)
             spec.loader.exec_module(sys.modules["bpy"])
+    from .scene import Session
+
+    _session = Session(threads)
+    atexit.register(os._exit, 0)  # Blender may hang when its interpreter ends
 
 
 def _end_with_starter() -> None:
@@ -633,15 +618,10 @@ def _ahead(client: Any, address: str) -> int:
     OSError : it has gone away.
     """
     gone = _gone(address, "it has gone away")
-    if client.status != "running" or not _answers(client):
+    stream = getattr(client, "scheduler_comm", None)
+    if client.status != "running" or stream is None or stream.comm.closed():
         raise gone
     try:
         return max(LEAST_AHEAD, AHEAD * sum(client.nthreads().values()))
     except (OSError, TimeoutError, CancelledError):
         raise gone from None
-
-
-def _answers(client: Any) -> bool:
-    """Return whether the scheduler is still there."""
-    stream = getattr(client, "scheduler_comm", None)
-    return stream is not None and not stream.comm.closed()

@@ -233,7 +233,11 @@ def _trial(recipe: Recipe, worker: Worker, running: Running, say: Callable[[str]
     def make(thin: float) -> Trial:
         return _made(thinned(recipe, thin), worker, running)
 
-    few = make(THIN) if _has_pulses(recipe) else None
+    few = (
+        make(THIN)
+        if any(KINDS[one["kind"]].thinned for one in recipe.scene.get("sensors", []))
+        else None
+    )
     share = 1.0 if few is None else max(1.0, THIN * few.points / ENOUGH)
     whole = make(share) if share > 2.0 else make(1.0)
     how = ""
@@ -256,10 +260,6 @@ def _made(recipe: Recipe, worker: Worker, running: Running) -> Trial:
         done = disk.read_scene(root / disk.SCENES / recipe.name)
         points = float(sum(done.record["points"].values()))
         return Trial(outcome.seconds, points, float(done.size), outcome.peak)
-
-
-def _has_pulses(recipe: Recipe) -> bool:
-    return any(KINDS[one["kind"]].thinned for one in recipe.scene.get("sensors", []))
 
 
 def thinned(recipe: Recipe, share: float) -> Recipe:

@@ -70,11 +70,22 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
     claim(*(out / name for name in ("plan.toml", MANIFEST, *CARD)))
     if asked.store is not None:
         claim_store(asked.store, "a dataset", goes_on=True)
-        _take_scenes(asked.store / disk.SCENES, out)
+        there = asked.store / disk.SCENES  # finished scenes that this folder has not
+        for scene in sorted(there.iterdir()) if there.is_dir() else ():
+            final = out / disk.SCENES / scene.name
+            if scene.name.isdigit() and not final.exists() and (scene / disk.RECORD).is_file():
+                partial = disk.begin(out, int(scene.name))
+                fetch(scene, partial)
+                os.rename(partial, final)
     missing = _missing(wanted, out, asked.replace)
-    write_plan(plan, out)
+    import tomli_w
+
+    made = ", ".join(f"{name} {number}" for name, number in versions().items())
+    head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
+    write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
     rows = make_scenes(plan, wanted, missing, out, asked)
-    _describe(plan, wanted, out, bool(missing))
+    if missing or not (out / "README.md").is_file():
+        write_card(plan, wanted, out)
     if asked.store is not None:
         copy_to(asked.store, out)
     lost = [row for row in rows if row["status"] != "done"]
@@ -86,21 +97,6 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
             "are "
             f"in {out}. The same command tries again"
         )
-
-
-def _take_scenes(there: Path, out: Path) -> None:
-    """Copy from a store the finished scenes that a folder has not.
-
-    Raises
-    ------
-    OSError : one cannot be read or written.
-    """
-    for scene in sorted(there.iterdir()) if there.is_dir() else ():
-        final = out / disk.SCENES / scene.name
-        if scene.name.isdigit() and not final.exists() and (scene / disk.RECORD).is_file():
-            partial = disk.begin(out, int(scene.name))
-            fetch(scene, partial)
-            os.rename(partial, final)
 
 
 def _copy_scene(folder: Path, store: Path) -> None:
@@ -204,19 +200,3 @@ def _named(scenes: Sequence[str]) -> str:
     shown = ", ".join(scenes[:NAMED])
     more = f" and {len(scenes) - NAMED} more" if len(scenes) > NAMED else ""
     return f"scene{'s' if len(scenes) > 1 else ''} {shown}{more}"
-
-
-def write_plan(plan: Plan, out: Path) -> None:
-    """plan.toml as it was used: overrides and base scenes within, and by what it was made."""
-    import tomli_w
-
-    made = ", ".join(f"{name} {number}" for name, number in versions().items())
-    head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
-    write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
-
-
-def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, changed: bool) -> None:
-    """The data card with its pictures, which say what is there now."""
-
-    if changed or not (out / "README.md").is_file():
-        write_card(plan, wanted, out)

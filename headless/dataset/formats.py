@@ -69,21 +69,6 @@ class LabelledScan:
     stands: np.ndarray | None
 
 
-def done_scenes(root: Path) -> list[Done]:
-    """Return the scenes that a dataset has, in order.
-
-    Raises
-    ------
-    SpecError : there is none.
-    """
-    done = list(scenes_done(root)) if (root / SCENES).is_dir() else []
-    if not done:
-        raise SpecError(
-            f"--convert {root}", "holds no finished scene; give the folder of a dataset"
-        )
-    return done
-
-
 def scans_of(one: Done) -> Iterator[LabelledScan]:
     """Clouds of a scene, by name.
 
@@ -101,35 +86,21 @@ def scans_of(one: Done) -> Iterator[LabelledScan]:
                 str(one.folder),
                 f"{name} has no classes: make the dataset with keep.for_instance = true",
             )
-        cloud = read_las(path)
-        sensor = sensors[name]
+        cloud, sensor = read_las(path), sensors[name]
+        level = np.ones(len(cloud.points))  # where no file tells
+        if (one.folder / f"{name}.laz").is_file():
+            level = np.asarray(read_las(one.folder / f"{name}.laz").intensity) / 65535.0
         stands = offset + sensor["position"] if sensor["kind"] == "terrestrial" else None
         yield LabelledScan(
             scene=one.number,
             split=one.record["split"],
             name=name,
             place=np.asarray(cloud.xyz),
-            level=_levels(one.folder, name, len(cloud.points)),
+            level=level,
             classes=np.asarray(cloud.classification, dtype=np.uint8),
             tree=np.asarray(cloud["treeID"], dtype=np.int32),
             stands=stands,
         )
-
-
-def _levels(folder: Path, name: str, count: int) -> np.ndarray:
-    """Return strengths of echoes, as LAS has them, between 0 and 1; 1 where no file tells."""
-    if (folder / f"{name}.laz").is_file():
-        return np.asarray(read_las(folder / f"{name}.laz").intensity) / 65535.0
-    return np.ones(count)
-
-
-def write_legend(path: Path) -> None:
-    """Write the classes' numbers, names and colours as CSV."""
-    rows = [
-        f"{number},{name},{r},{g},{b}"
-        for number, (name, (r, g, b)) in enumerate(zip(CLASSES, COLOURS, strict=True))
-    ]
-    write_whole(path, "\n".join(["class,name,red,green,blue", *rows, ""]))
 
 
 MOST_TREES = 2**16 - 1  # that a label's upper half can name
@@ -157,7 +128,18 @@ def write_kitti(done: Sequence[Done], out: Path) -> int:
         _write_text(folder / "poses.txt", poses)
         _write_text(folder / "calib.txt", [f"{key}: {STILL}" for key in ("P0", "P1", "Tr")])
         _write_text(folder / "times.txt", [str(float(number)) for number in range(len(poses))])
-    _write_text(out / "semantic-kitti.yaml", _config(done))
+    numbers = range(len(CLASSES))
+    lines = ["labels:", *(f"  {k}: {CLASSES[k]!r}" for k in numbers)]
+    lines += ["color_map: # blue, green, red"]
+    lines += [f"  {k}: [{COLOURS[k][2]}, {COLOURS[k][1]}, {COLOURS[k][0]}]" for k in numbers]
+    for key in ("learning_map", "learning_map_inv"):
+        lines += [f"{key}:", *(f"  {k}: {k}" for k in numbers)]
+    lines += ["learning_ignore:", *(f"  {k}: {str(k in (0, 3)).lower()}" for k in numbers)]
+    lines += ["split:"]
+    for split, name in SPLIT_NAMES.items():
+        mine = [one.number for one in done if one.record["split"] == split]
+        lines.append(f"  {name}: {mine}")
+    _write_text(out / "semantic-kitti.yaml", lines)
     return count
 
 
@@ -175,22 +157,6 @@ def _write_frame(scan: LabelledScan, folder: Path, number: int) -> str:
             values.tofile(partial)
     x, y, z = middle.tolist()
     return f"1 0 0 {x!r} 0 1 0 {y!r} 0 0 1 {z!r}"
-
-
-def _config(done: Sequence[Done]) -> list[str]:
-    """Return the lines of the file that SemanticKITTI's tools and loaders ask for names and splits."""
-    numbers = range(len(CLASSES))
-    lines = ["labels:", *(f"  {k}: {CLASSES[k]!r}" for k in numbers)]
-    lines += ["color_map: # blue, green, red"]
-    lines += [f"  {k}: [{COLOURS[k][2]}, {COLOURS[k][1]}, {COLOURS[k][0]}]" for k in numbers]
-    for key in ("learning_map", "learning_map_inv"):
-        lines += [f"{key}:", *(f"  {k}: {k}" for k in numbers)]
-    lines += ["learning_ignore:", *(f"  {k}: {str(k in (0, 3)).lower()}" for k in numbers)]
-    lines += ["split:"]
-    for split, name in SPLIT_NAMES.items():
-        mine = [one.number for one in done if one.record["split"] == split]
-        lines.append(f"  {name}: {mine}")
-    return lines
 
 
 def _write_text(path: Path, lines: Sequence[str]) -> None:
@@ -211,7 +177,22 @@ def write_panoptic(done: Sequence[Done], out: Path) -> int:
     for part in ("images", "panoptic"):
         (out / part).mkdir(parents=True, exist_ok=True)
     told: dict[str, dict[str, Any]] = {
-        split: {"images": [], "annotations": [], "categories": _categories()} for split in SPLITS
+        split: {
+            "images": [],
+            "annotations": [],
+            "categories": [
+                {
+                    "id": number,
+                    "name": name,
+                    "supercategory": "tree" if number in THINGS else "ground",
+                    "isthing": int(number in THINGS),
+                    "color": list(COLOURS[number]),
+                }
+                for number, name in enumerate(CLASSES)
+                if number
+            ],
+        }
+        for split in SPLITS
     }
     for one in done:
         if not (one.folder / SEGMENTS).is_file():
@@ -234,20 +215,6 @@ def write_panoptic(done: Sequence[Done], out: Path) -> int:
     for split, record in told.items():
         write_whole(out / f"panoptic_{split}.json", json.dumps(record) + "\n")
     return len(done)
-
-
-def _categories() -> list[dict[str, Any]]:
-    return [
-        {
-            "id": number,
-            "name": name,
-            "supercategory": "tree" if number in THINGS else "ground",
-            "isthing": int(number in THINGS),
-            "color": list(COLOURS[number]),
-        }
-        for number, name in enumerate(CLASSES)
-        if number
-    ]
 
 
 def _segments(segment: np.ndarray) -> list[dict[str, Any]]:
@@ -303,24 +270,16 @@ def write_s3dis(done: Sequence[Done], out: Path) -> int:
         tree = np.concatenate([scan.tree for scan in scans]).astype(np.int64)
         key = tree * len(CLASSES) + label
         turn = np.argsort(key, kind="stable")
-        lines = _lines(place[turn], grey[turn])
-        _write(room / f"{room.name}.txt", lines)
+        levels = grey[turn].round().astype(int).tolist()
+        rows = zip(*place[turn].T.tolist(), levels, strict=True)
+        lines = [f"{x:.3f} {y:.3f} {z:.3f} {g} {g} {g}" for x, y, z, g in rows]
+        _write_text(room / f"{room.name}.txt", lines)
         keys_found, first = np.unique(key[turn], return_index=True)
         ends = [*first[1:].tolist(), len(key)]
         for what, start, end in zip(keys_found.tolist(), first.tolist(), ends, strict=True):
             name = f"{WORDS[what % len(CLASSES)]}_{what // len(CLASSES)}.txt"
-            _write(room / "Annotations" / name, lines[start:end])
+            _write_text(room / "Annotations" / name, lines[start:end])
     return len(done)
-
-
-def _lines(place: np.ndarray, grey: np.ndarray) -> list[str]:
-    levels = grey.round().astype(int).tolist()
-    rows = zip(*place.T.tolist(), levels, strict=True)
-    return [f"{x:.3f} {y:.3f} {z:.3f} {g} {g} {g}\n" for x, y, z, g in rows]
-
-
-def _write(path: Path, lines: Sequence[str]) -> None:
-    write_whole(path, "".join(lines))
 
 
 FORMATS: dict[str, Callable[[Sequence[Done], Path], int]] = {
@@ -340,10 +299,18 @@ def convert_dataset(root: Path, kind: str, out: Path, say: Callable[[str], None]
     """
     if kind not in FORMATS:
         raise unknown("--to", kind, FORMATS)
-    done = done_scenes(root)
+    done = list(scenes_done(root)) if (root / SCENES).is_dir() else []
+    if not done:
+        raise SpecError(
+            f"--convert {root}", "holds no finished scene; give the folder of a dataset"
+        )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise SpecError(f"--out {out}", "is there already; choose another folder, or empty it")
     out.mkdir(parents=True, exist_ok=True)
     count = FORMATS[kind](done, out)
-    write_legend(out / LEGEND)
+    rows = [
+        f"{number},{name},{r},{g},{b}"
+        for number, (name, (r, g, b)) in enumerate(zip(CLASSES, COLOURS, strict=True))
+    ]
+    write_whole(out / LEGEND, "\n".join(["class,name,red,green,blue", *rows, ""]))
     say(f"{count} items of {len(done)} scenes as {kind} in {out}")

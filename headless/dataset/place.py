@@ -17,7 +17,7 @@ import numpy as np
 from forest_addon.base.rng import stream
 from forest_addon.sensing.kinds import kind_of
 from forest_addon.spec import Forest, Pose, Scene, Sensor, SpecError
-from forest_addon.stand.intensity.surface import GroundSurface, Heightmap
+from forest_addon.stand.intensity.surface import GroundSurface
 
 from .settings import Ground, Placing
 
@@ -52,11 +52,6 @@ def heights_of(
     field = total[np.ix_(across, inside)] if inside.any() and across.any() else total
     spread = float(np.ptp(field)) or 1.0
     return ground.relief * (total - field.min()) / spread, low, size
-
-
-def terrain_of(heights: np.ndarray, low: np.ndarray, size: np.ndarray) -> Heightmap:
-    """The ground of these heights."""
-    return Heightmap(heights, low, size, FILE)
 
 
 TRIES = 200
@@ -180,14 +175,13 @@ def _placed(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -
     for number, place in enumerate(where):
         name = sensor.name if len(where) == 1 else f"{sensor.name}-{number + 1}"
         more = {"azimuth_deg": float(turn[number])} if "azimuth_deg" in posed else {}
-        placed.append(sensor.changed(name=name, position=_tuple(place), **more))
+        placed.append(sensor.changed(name=name, position=tuple(place.tolist()), **more))
     return placed
 
 
 def _way(room: _Room) -> np.ndarray:
     """(K, 2) a smooth way through the field that bends around trunks, points half a metre apart."""
-    corners = [room.anywhere() for _ in range(5)]
-    knots = np.array(corners)
+    knots = np.array([room.anywhere() for _ in range(5)])
     share = np.linspace(0, 1, 400)
     # A Bézier-like blend of the corners: each takes over from the one before, smoothly.
     at = share * (len(knots) - 1)
@@ -205,8 +199,7 @@ def _way(room: _Room) -> np.ndarray:
         lack = np.maximum(room.rule.clear - away[rows, nearest], 0)
         push = offset[rows, nearest] / np.maximum(away[rows, nearest], 1e-9)[:, None]
         line = line + 1.05 * lack[:, None] * push
-    step = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    gone = np.append(0.0, np.cumsum(step))
+    gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     if gone[-1] == 0:
         return line[:1]
     wanted = np.linspace(0, gone[-1], max(2, int(gone[-1] / 0.5)))
@@ -225,7 +218,7 @@ def _above_ground(room: _Room) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _poses_along(sensor: Any, rule: Placing, room: _Room, _files: dict[str, str]) -> list[Sensor]:
     gone, line, heading = _above_ground(room)
     poses = tuple(
-        Pose(time=float(s / rule.speed), position=_tuple(place), heading_deg=float(turn))
+        Pose(time=float(s / rule.speed), position=tuple(place.tolist()), heading_deg=float(turn))
         for s, place, turn in zip(gone, line, heading, strict=True)
     )
     return [sensor.changed(poses=poses, follow="", speed=rule.speed)]
@@ -281,7 +274,3 @@ FOLLOWERS: dict[str, dict[str, Follower]] = {  # by rule and by kind of sensor
     "over": {"airborne": _strips_over},
     "pairs": {"reverb": _pairs},
 }
-
-
-def _tuple(place: np.ndarray) -> tuple[float, ...]:
-    return tuple(float(v) for v in place)

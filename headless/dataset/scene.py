@@ -50,12 +50,13 @@ from forest_addon.stand.forest import (
     leaf_table,
     voxel_arrays,
 )
+from forest_addon.stand.intensity.surface import Heightmap
 from forest_addon.stand.plan import LOW, labels
 from forest_addon.stand.wind import sway_of
 
 from ..progress import hushed
 from .for_instance import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance
-from .place import FILE, heights_of, place_sensors, terrain_of
+from .place import FILE, heights_of, place_sensors
 from .plan import Recipe
 from .settings import Ground, Keep, Placing
 
@@ -175,7 +176,12 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
-            "empty": work.empty | _no_trees(settings, forest),
+            "empty": work.empty
+            | (
+                {}
+                if not settings.plantings or len(forest.stand)
+                else {"forest": "no tree stands: expect more, or a larger field"}
+            ),
             "engine": observer.caster.engine,
             "variants": variants,
         },
@@ -207,7 +213,7 @@ def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
         site = replace(
             site,
             scene=site.scene.changed(forest=field.changed(terrain=floor)),
-            inputs=replace(site.inputs, terrain=terrain_of(heights, low, size)),
+            inputs=replace(site.inputs, terrain=Heightmap(heights, low, size, FILE)),
         ).roughened()
     rules = [Placing(**one) for one in recipe.places]
     stand = site.plan()
@@ -290,13 +296,6 @@ def _write_blender(
     if keep.preview:
         seen = observer.caster, forest, settings.plantings
         write_segments(folder / SEGMENTS, scene, *seen)
-
-
-def _no_trees(settings: Scene, forest: GrownForest) -> dict[str, str]:
-    """Say that nothing stands where something was planted."""
-    if not settings.plantings or len(forest.stand):
-        return {}
-    return {"forest": "no tree stands: expect more, or a larger field"}
 
 
 def _digests(forest: GrownForest) -> dict[str, str]:

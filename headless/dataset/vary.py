@@ -139,16 +139,7 @@ def cells_of_grid(varied: Sequence[Varied]) -> int:
 
 
 def draw(varied: Sequence[Varied], seed: int, count: int) -> list[dict[str, Any]]:
-    """For each of ``count`` scenes, the value of every path."""
-    columns = _even_numbers(varied, seed, count)
-    return [
-        {one.path: one.at(float(columns[one.path][scene])) for one in varied}
-        for scene in range(count)
-    ]
-
-
-def _even_numbers(varied: Sequence[Varied], seed: int, count: int) -> dict[str, np.ndarray]:
-    """By path, (count,) numbers between 0 and 1."""
+    """Values of every path for each of ``count`` scenes."""
     columns: dict[str, np.ndarray] = {}
     grid = [one for one in varied if one.kind == "grid"]
     places = itertools.product(*(range(len(one.given)) for one in grid))
@@ -168,7 +159,10 @@ def _even_numbers(varied: Sequence[Varied], seed: int, count: int) -> dict[str, 
     columns |= _sobol(
         [one.path for one in varied if one.design == "sobol" and one.kind != "grid"], seed, count
     )
-    return columns
+    return [
+        {one.path: one.at(float(columns[one.path][scene])) for one in varied}
+        for scene in range(count)
+    ]
 
 
 def _sobol(paths: Sequence[str], seed: int, count: int) -> dict[str, np.ndarray]:
@@ -278,7 +272,11 @@ def _of_scanners(sensors: Sequence[Mapping[str, Any]], kinds: set[Any]) -> dict[
             found[f"sensors[*].noise.registration_{name}"] = {"log_uniform": list(ends)}
     ranges = [float(sensor["max_range"]) for sensor in sensors if "max_range" in sensor]
     if len(ranges) == len(sensors):  # else threshold and range are the instrument's own
-        limits = [threshold_at(min(ranges), table) for table in tables if table.get("faintest")]
+        limits = [
+            min(1.0, float(table["faintest"]) * (min(ranges) / float(table["max_range"])) ** 2)
+            for table in tables
+            if table.get("faintest")
+        ]
         if limits:
             found["sensors[*].faintest"] = {"log_uniform": [min(limits), max(limits)]}
     steps = [sensor.get("angle_step_deg") for sensor in sensors]
@@ -300,10 +298,3 @@ def _of_receivers(receivers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     if all(one.get("ambient") == "wind" for one in receivers):
         table["sensors[*].receiver.wind_speed"] = {"uniform": [0.5, WIND[1]]}
     return table
-
-
-def threshold_at(reach: float, table: Mapping[str, Any]) -> float:
-    """Reflectance that a facing surface needs at a range, metres, to be as bright as an instrument's faintest
-    at its own largest range; at most 1.
-    """
-    return min(1.0, float(table["faintest"]) * (reach / float(table["max_range"])) ** 2)

@@ -44,29 +44,26 @@ def draw_flights(path: Path, cells: Sequence[Any], cell: Any, world: Any, title:
         above.plot(*stops.T, "x", color=RED, ms=4)
         above.set(xlabel="x, m", ylabel="y, m", title=f"{title}, {cell.speed:g} m/s")
         above.legend(loc="lower right", facecolor="white", frameon=True, framealpha=0.8)
-        success_curves(curve, cells)
-    return save_figure(figure, path)
-
-
-def success_curves(axes: Any, cells: Sequence[Any]) -> None:
-    """Share that arrives against speed, a line a density, with intervals of 95 %."""
-    for colour, density in zip(LINES, sorted({cell.density for cell in cells}), strict=False):
-        of_density = sorted((c for c in cells if c.density == density), key=lambda c: c.speed)
-        share = np.array([c.arrived / len(c.tracks) for c in of_density])
-        ends = np.array([interval(c.arrived, len(c.tracks)) for c in of_density])
-        speed = [c.speed for c in of_density]
-        error = np.maximum(np.stack([share - ends[:, 0], ends[:, 1] - share]), 0)
-        axes.errorbar(
-            speed,
-            share,
-            error,
-            color=colour,
-            marker="o",
-            ms=4,
-            lw=1.3,
-            capsize=2,
-            label=f"{of_density[0].trees:.3g} trees/m²",
+        for colour, density in zip(LINES, sorted({cell.density for cell in cells}), strict=False):
+            of_density = sorted((c for c in cells if c.density == density), key=lambda c: c.speed)
+            share = np.array([c.arrived / len(c.tracks) for c in of_density])
+            ends = np.array([interval(c.arrived, len(c.tracks)) for c in of_density])
+            speed = [c.speed for c in of_density]
+            error = np.maximum(np.stack([share - ends[:, 0], ends[:, 1] - share]), 0)
+            curve.errorbar(
+                speed,
+                share,
+                error,
+                color=colour,
+                marker="o",
+                ms=4,
+                lw=1.3,
+                capsize=2,
+                label=f"{of_density[0].trees:.3g} trees/m²",
+            )
+        curve.set(
+            xlabel="speed, m/s", ylabel="share that arrives", ylim=(-0.03, 1.05), title="Success"
         )
-    axes.set(xlabel="speed, m/s", ylabel="share that arrives", ylim=(-0.03, 1.05), title="Success")
-    axes.grid(color=FAINT, lw=0.4)
-    axes.legend()
+        curve.grid(color=FAINT, lw=0.4)
+        curve.legend()
+    return save_figure(figure, path)

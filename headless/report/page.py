@@ -38,7 +38,6 @@ from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.rays.boxes import morton
 from forest_addon.sensing.rays.geometry import apply_transform
 from forest_addon.sensing.sonar.kind import targets_of
-from forest_addon.sensing.sonar.ping import EchoTargets
 from forest_addon.spec import Scene, Sensor
 from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import GrownForest
@@ -80,7 +79,21 @@ def _figure_of(sensor: Sensor, found: SensorFinding, observer: Observer) -> Figu
         case "reverb":
             return figures.draw_reverb(found)
         case "sonar":
-            leaves = sample_leaves(observer.once(targets_of))
+            scene = observer.once(targets_of).scene
+            firsts = []
+            for mesh in scene.meshes:
+                facets = np.flatnonzero(mesh.leaf >= 0)
+                _, first = np.unique(mesh.leaf[facets], return_index=True)
+                firsts.append(mesh.triangles[facets[first]])
+            count = np.array([len(firsts[index]) for index in scene.mesh_index], dtype=np.int64)
+            share = min(1.0, LEAVES / max(int(count.sum()), 1))
+            rng = stream(0, "picture", "leaves")
+            places = []
+            for instance, index in enumerate(scene.mesh_index):
+                some = np.flatnonzero(rng.random(len(firsts[index])) < share)
+                middle = scene.meshes[index].vertices[firsts[index][some]].mean(axis=1)
+                places.append(apply_transform(scene.transform[instance], middle)[:, :2])
+            leaves = np.concatenate(places) if places else np.empty((0, 2))
             draw = echoes.draw_flight if hasattr(found, "echoes") else echoes.draw_echo
             return draw(found, sensor, leaves, observer.stems)
     return None
@@ -111,25 +124,6 @@ def _save_plainly(plot: Plot, path: Path) -> Path:
 
     write_whole(path, write_png(drawn(plot)[::-1]))
     return path
-
-
-def sample_leaves(targets: EchoTargets, most: int = LEAVES) -> np.ndarray:
-    """(M, 2) x and y of at most so many leaves of a scene, drawn at random, the same each time."""
-    scene = targets.scene
-    firsts = []
-    for mesh in scene.meshes:
-        facets = np.flatnonzero(mesh.leaf >= 0)
-        _, first = np.unique(mesh.leaf[facets], return_index=True)
-        firsts.append(mesh.triangles[facets[first]])
-    count = np.array([len(firsts[index]) for index in scene.mesh_index], dtype=np.int64)
-    share = min(1.0, most / max(int(count.sum()), 1))
-    rng = stream(0, "picture", "leaves")
-    places = []
-    for instance, index in enumerate(scene.mesh_index):
-        some = np.flatnonzero(rng.random(len(firsts[index])) < share)
-        middle = scene.meshes[index].vertices[firsts[index][some]].mean(axis=1)
-        places.append(apply_transform(scene.transform[instance], middle)[:, :2])
-    return np.concatenate(places) if places else np.empty((0, 2))
 
 
 def forest_finding(settings: Scene, forest: GrownForest, picture: Path | None) -> Finding:
@@ -454,6 +448,8 @@ def turning_cloud(cloud: Cloud, species: Sequence[str], budget: int = BUDGET) ->
         f'<option value="{key}"{" selected" if key == "organ" else ""}>{title}</option>'
         for key, title in options
     )
+    # Within an element ``script``, which knows no entities and ends at its end tag.
+    inside = json.dumps(about).translate({ord(c): f"\\u{ord(c):04x}" for c in "&<>"})
     return (
         '<figure class="cloud"><canvas></canvas><div class="tools">'
         f"<label>Colour <select>{chosen}</select></label>"
@@ -461,15 +457,9 @@ def turning_cloud(cloud: Cloud, species: Sequence[str], budget: int = BUDGET) ->
         '<label>Cut in front <input type="range" min="1" max="100" value="100"></label>'
         f'<span class="legend"></span></div><figcaption>{"; ".join(said)}. Drag to turn, wheel to come '
         "nearer, right button to shift.</figcaption>"
-        f'<script type="application/json" class="about">{_in_script(about)}'
+        f'<script type="application/json" class="about">{inside}'
         f'</script><script type="text/plain" class="bytes">{packed}</script></figure>'
     )
-
-
-def _in_script(value: Any) -> str:
-    """JSON within an element ``script``, which knows no entities and ends at its end tag."""
-    text = json.dumps(value)
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def viewer() -> str:

@@ -69,7 +69,7 @@ def chance_of_way(
     forests: int,
     width: float = 40.0,
 ) -> tuple[int, int]:
-    """In how many of so many forests a way gets through, and how many there were."""
+    """Number of forests in which a way gets through, and of all that were tried."""
     through = 0
     for _ in range(forests):
         place = poisson_strip(rng, density, length, width)

@@ -150,7 +150,7 @@ class Taught:
     weight: np.ndarray
 
     def with_more(self, more: Taught) -> Taught:
-        """Both together."""
+        """Join both."""
         pairs = ((self.features, more.features), (self.label, more.label))
         return Taught(*(np.concatenate(pair) for pair in (*pairs, (self.weight, more.weight))))
 

@@ -155,7 +155,7 @@ class GroundBlocks:
 
     @staticmethod
     def under(place: np.ndarray) -> GroundBlocks:
-        """Those under points (N, 3)."""
+        """Heights of the ground under points (N, 3)."""
         low = np.floor(place.min(axis=0))[:2]
         return GroundBlocks(low, np.floor((place[:, :2].max(axis=0) - low) / BLOCK).astype(int) + 1)
 
@@ -442,7 +442,7 @@ class PairedRow:
 
     @property
     def verdict(self) -> str:
-        """In a word."""
+        """The verdict in a word."""
         if self.why or not np.isfinite(self.null):
             return self.why or "no null"
         return "agrees" if self.distance <= self.null else "does not agree"

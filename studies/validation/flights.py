@@ -419,7 +419,7 @@ def compare_flights(clouds: Path, seed: int, species: str = SPECIES) -> list[Com
 def flown_again(
     dense: ReadFlight, upright: ReadFlight, species: str, seed: int
 ) -> list[tuple[Mobile, dict[int, np.ndarray]]]:
-    """Both flights' scanners over a stand, and the returns of the pulses that count (P,), by line."""
+    """Fly both flights' scanners over a stand; the returns of the pulses that count (P,), by line."""
     caster, low, scanners = stand_and_scanners(dense, upright, species, seed)
     return [
         (plain, _lines_again(read, plain, caster, low, seed))

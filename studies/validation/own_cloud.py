@@ -41,12 +41,12 @@ class CloudReturns:
     intensity: np.ndarray | None = None
 
     def within(self, low: np.ndarray, high: np.ndarray) -> CloudReturns:
-        """Those over a rectangle."""
+        """Points over a rectangle."""
         rows = ((self.place[:, :2] >= low) & (self.place[:, :2] <= high)).all(axis=1)
         return self.take(rows)
 
     def take(self, rows: np.ndarray) -> CloudReturns:
-        """Those of these rows, numbers or bool."""
+        """Points of these rows, numbers or bool."""
         values = (getattr(self, name) for name in CloudReturns.__dataclass_fields__)
         return CloudReturns(*(None if value is None else value[rows] for value in values))
 

@@ -53,7 +53,7 @@ LEAD = 0.002  # s kept before the onset
 
 @dataclass(frozen=True)
 class Decay:
-    """By octave (B,): Hz, t20 in s, c50 in dB, residuals of both laws in dB, the power law's exponent."""
+    """Decay by octave (B,): Hz, t20 in s, c50 in dB, both laws' residuals in dB, the power law's exponent."""
 
     band: np.ndarray
     t20: np.ndarray
@@ -262,7 +262,7 @@ class SoundPath:
 
 
 def plausible_stands(count: int, seed: int) -> list[PlausibleStand]:
-    """So many stands, those of EVEN_BY_LOGARITHM evenly by that."""
+    """Draw ``count`` stands, the parameters of EVEN_BY_LOGARITHM evenly by their logarithm."""
     rng = stream(seed, "validate", "stands")
     columns = {}
     for name, (low, high) in RANGES.items():

@@ -104,7 +104,7 @@ class Ensemble:
 
 @dataclass(frozen=True)
 class JudgedSum:
-    """By path length (X + 1,) edges in metres: the exact energy, and of each way its level above it in dB.
+    """Exact energy by path length, (X + 1,) edges in metres, and the level of each way above it in dB.
 
     spread : (X,) dB, standard deviation of the exact mean over stands and sources.
     """

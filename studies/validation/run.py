@@ -43,7 +43,7 @@ class Interval:
         return low, self.value if self.high is None else self.high
 
     def text(self) -> str:
-        """As a table shows it."""
+        """The value as a table shows it."""
         if self.low is None or self.high is None:
             return _number(self.value)
         return f"{_number(self.value)} ({_number(self.low)} to {_number(self.high)})"
@@ -90,7 +90,7 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        """In a word: that intervals overlap is no agreement where they would for any likely value."""
+        """The verdict in a word: intervals that any likely value would overlap are no agreement."""
         if self.agrees and self.power is not None and self.power > BLIND:
             return UNTOLD
         return {True: AGREES, False: DIFFERS, None: "-"}[self.agrees]

@@ -14,13 +14,14 @@ START, SPACING, COUNT, SPEED = 60e3, 50.0, 401, 340.0
 
 
 def direct(amplitude, delay, start=START, spacing=SPACING, count=COUNT):
-    """(K,) Σ A·e^{-i2πfτ} and Σ max|A|, echo by echo; whole turns are exact in integers."""
+    """(K,) Σ A·e^{-i2πfτ} and Σ max|A| of all echoes; whole turns are exact in integers."""
     total, size = np.zeros(count, dtype=np.complex128), 0.0
     frequency = start + spacing * np.arange(count)
-    for row in range(len(delay)):
-        values = amplitude(frequency, np.array([row]))[:, 0]
-        total += values * np.exp(-2j * np.pi * np.mod(frequency * delay[row], 1.0))
-        size += np.abs(values).max()
+    for rows in np.array_split(np.arange(len(delay)), len(delay) // 100 + 1):
+        values = amplitude(frequency, rows)
+        turns = np.mod(np.outer(frequency, delay[rows]), 1.0)
+        total += (values * np.exp(-2j * np.pi * turns)).sum(axis=1)
+        size += np.abs(values).max(axis=0).sum()
     return total, size
 
 
@@ -84,8 +85,9 @@ def test_tolerance_is_kept_when_all_errors_add_up() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-12, 0.0])
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 64, 65])
+@pytest.mark.parametrize(
+    ("count", "tolerance"), [(1, 0.0), (2, 1e-3), (3, 1e-12), (7, 1e-6), (64, 1e-12), (65, 1e-3)]
+)
 def test_few_bins(count: int, tolerance: float) -> None:
     amplitude, delay, _ = leaves("piston", 2000)
     exact, size = direct(amplitude, delay, count=count)
@@ -182,8 +184,7 @@ def test_same_numbers_give_the_same_bytes() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 0.0])
-@pytest.mark.parametrize("sums", [1, 3, 40])
+@pytest.mark.parametrize(("sums", "tolerance"), [(1, 1e-6), (3, 0.0), (40, 1e-3)])
 def test_weighted_sums_of_the_same_echoes(sums: int, tolerance: float) -> None:
     """Of narrow and wide echoes, so that some are computed again with more nodes; 40 are several blocks."""
     amplitude, delay, reach = leaves("piston", 900)

@@ -12,6 +12,8 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import api as forest
 from forest_addon.blender.files.export import empty_file
 from forest_addon.tiles import TABLES, TiledForest
+from headless.dataset.factory import Asked, make_dataset
+from headless.dataset.plan import read_plan
 
 FIELD = forest.Forest(size=(64.0, 10.0), margin=4.0, undergrowth="none")
 SCENE = forest.Scene(
@@ -209,9 +211,6 @@ def test_sensors_that_hear_all_are_refused(tmp_path):
 
 
 def test_a_plan_of_many_scenes_takes_no_tiles(tmp_path):
-    from headless.dataset.factory import Asked, make_dataset
-    from headless.dataset.plan import read_plan
-
     file = tmp_path / "p.toml"
     file.write_text("[scene.tiles]\nsize = 10.0\n[scene.forest]\nsize = [5.0, 5.0]\n")
     with pytest.raises(forest.SpecError, match="tiles"):

@@ -127,10 +127,12 @@ def test_equals_brute_force_on_random_rays(engine, count):
     ours = engine(scene).cast(origins, directions, np.inf)
     exact = BruteCaster(scene).cast(origins, directions, np.inf)
     assert exact.found.sum() > 30
-    assert (ours.found == exact.found).mean() > 0.999
-    same = (ours.instance == exact.instance) & (ours.triangle == exact.triangle) & exact.found
-    assert same.sum() / exact.found.sum() > 0.999  # the rest graze an edge
-    assert np.abs(ours.distance[same] - exact.distance[same]).max() < 1e-9
+    same = (ours.instance == exact.instance) & (ours.triangle == exact.triangle)
+    assert (~same).sum() < 0.001 * exact.found.sum()
+    met = same & exact.found
+    assert np.abs(ours.distance[met] - exact.distance[met]).max() < 1e-9
+    for ray in np.flatnonzero(~same).tolist():  # they pass an edge within what float32 resolves
+        assert min(edge_gap(scene, hits, ray, origins, directions) for hits in (ours, exact)) < 1e-5
 
 
 def test_utm_offset_loses_nothing(engine):
@@ -290,22 +292,6 @@ def test_small_batches_of_many_threads_do_not_disturb_each_other():
     with ThreadPoolExecutor(8) as pool:
         found = np.concatenate(list(pool.map(look, range(0, 2560, 32))))
     assert found.tobytes() == whole.distance.tobytes()
-
-
-@pytest.mark.medium
-def test_engines_agree_on_a_forest_of_leaves():
-    scene = forest(60)
-    origins, directions = random_rays(60_000)
-    ours = BvhCaster(scene).cast(origins, directions)
-    theirs = EmbreeCaster(scene).cast(origins, directions)
-    same = (ours.instance == theirs.instance) & (ours.triangle == theirs.triangle)
-    assert same.mean() > 0.999
-    assert (ours.distance[same] == theirs.distance[same]).all()
-    # The others pass an edge of what one of the two found within what float32 resolves.
-    other = np.flatnonzero(~same)
-    for ray in other.tolist():
-        gaps = [edge_gap(scene, hits, ray, origins, directions) for hits in (ours, theirs)]
-        assert min(gaps) < 1e-5
 
 
 def edge_gap(scene, hits, ray, origins, directions):

@@ -1,6 +1,7 @@
 """Trees with fewer, larger leaves let as much light through as all leaves do, by rays; and who gets them."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -29,11 +30,12 @@ from forest_addon.spec import (
     Sonar,
     Terrestrial,
 )
-from forest_addon.stand.forest import tree_table
+from forest_addon.stand.forest import TreesBeforeFall, tree_table
 
 KINDS = ("norway-maple", "silver-birch", "scots-pine", "norway-spruce")  # leaves, shoots, tufts
 TREE = Wanted(0.12, 9.0, 2.8, 3.0, 22.0)
 WAYS = np.array([[0, 0, 1], [1, 0, 0.1], [0, 1, 0.3], [0.6, -0.5, 0.6], [-0.7, -0.3, 0.25]])
+GROWN = TreesBeforeFall()  # no tree grows twice
 SIDE = 50  # rays along each side of a picture
 
 
@@ -91,9 +93,11 @@ def test_a_coarser_tree_hides_as_much(name):
         assert (np.abs(away.mean(axis=1)) < BOUND).all(), share
 
 
-def forest(*sensors, species="silver-birch", detail="auto"):
+@cache
+def forest(*sensors, detail="auto"):
     """Birches in a row that runs away from the sensors."""
-    targets = load_species(find_species("silver-birch", Path()))[0].targets
+    birch = load_species(find_species("silver-birch", Path()))
+    targets = birch[0].targets
     targets = targets.changed(height=6.0, crown_width=2.0, crown_base=1.5, leaf_area=2.0)
     scene = Scene(
         seed=4,
@@ -101,7 +105,7 @@ def forest(*sensors, species="silver-birch", detail="auto"):
         accuracy=Accuracy(detail=detail),
         plantings=(
             Planting(
-                species=species,
+                species="silver-birch",
                 layout="rows",
                 variants=1,
                 targets=targets,
@@ -110,24 +114,25 @@ def forest(*sensors, species="silver-birch", detail="auto"):
         ),
         sensors=sensors,
     )
-    loaded = load_species(find_species(species, Path()))
-    return scene, grow_needed(scene, [loaded])
+    return grow_needed(scene, [birch], kept=GROWN)
+
+
+SCANNER = Terrestrial(
+    position=(0.0, 0.0, 2.0),
+    angle_step_deg=0.2,
+    elevation_deg=(-30.0, 30.0),
+    max_range=400.0,
+)
 
 
 @pytest.mark.slow
 def test_trees_are_coarse_where_a_scanner_cannot_tell_their_leaves_apart():
-    """A scanner every 0.1°: a tree is far from where its pulses lie a coarse leaf apart, and no nearer."""
-    scanner = Terrestrial(
-        position=(0.0, 0.0, 2.0),
-        angle_step_deg=0.2,
-        elevation_deg=(-30.0, 30.0),
-        max_range=400.0,
-    )
-    _, grown = forest(scanner)
+    """A tree is far from where the pulses of a scanner lie a coarse leaf apart, and no nearer."""
+    grown = forest(SCANNER)
     far, stand = far_trees(grown), grown.stand
     away = np.hypot(*stand.position[:, :2].T)
     leaf = max(tree.leaves.length.max() for tree in grown.variants.values())
-    edge = leaf / look_of_terrestrial(scanner).resolves(np.ones(1))[0]
+    edge = leaf / look_of_terrestrial(SCANNER).resolves(np.ones(1))[0]
     assert far[away > edge + 2.5].all()
     assert not far[away < 0.8 * edge].any()
     assert 0 < far.sum() < len(far)
@@ -138,8 +143,8 @@ def test_trees_are_coarse_where_a_scanner_cannot_tell_their_leaves_apart():
     assert "trees have 25% of their leaves" in grown.detail[0]
     assert "cm apart" in grown.detail[1]
     (choice,) = grown.chosen
-    assert (choice.key, choice.unit, choice.sensor) == ("range at far leaves", "m", scanner.name)
-    _, full = forest(scanner, detail="full")
+    assert (choice.key, choice.unit, choice.sensor) == ("range at far leaves", "m", SCANNER.name)
+    full = forest(SCANNER, detail="full")
     off = shifts(full, grown)
     assert (off <= choice.bound).mean() == pytest.approx(0.9, abs=0.06)  # of rays of its own
     assert np.median(off) == pytest.approx(choice.value, abs=0.02)
@@ -170,9 +175,7 @@ def shifts(full, coarse):
 
 @pytest.mark.slow
 def test_full_detail_is_the_forest_as_it_was_and_auto_moves_no_wood():
-    scanner = Terrestrial(angle_step_deg=0.2, max_range=400.0)
-    _, auto = forest(scanner)
-    _, full = forest(scanner, detail="full")
+    auto, full = forest(SCANNER), forest(SCANNER, detail="full")
     assert full.detail == ()
     assert Scene().accuracy.detail == "full"
     assert np.array_equal(full.transforms(), auto.transforms())
@@ -188,21 +191,21 @@ def test_full_detail_is_the_forest_as_it_was_and_auto_moves_no_wood():
 def test_a_wide_beam_makes_trees_coarse_and_one_that_may_be_anywhere_none():
     narrow = Terrestrial(name="a", angle_step_deg=0.001, max_range=400.0)
     wide = replace(narrow, beam=Beam(divergence_mrad=(3.0, 3.0), subrays=7))
-    assert not far_trees(forest(narrow)[1]).any()
-    assert far_trees(forest(wide)[1]).any()
-    assert not far_trees(forest(wide, narrow.changed(name="b"))[1]).any()  # the finer one decides
+    assert not far_trees(forest(narrow)).any()
+    assert far_trees(forest(wide)).any()
+    assert not far_trees(forest(wide, narrow.changed(name="b"))).any()  # the finer one decides
     lost = Sonar(follow="bat", max_range=15.0)
-    found = forest(wide, lost)[1]
+    found = forest(wide, lost)
     assert not far_trees(found).any()
     assert "not known yet" in found.detail[0]
-    assert not far_trees(forest(Reverb())[1]).any()  # nobody looks
+    assert not far_trees(forest(Reverb())).any()  # nobody looks
 
 
 @pytest.mark.medium
 def test_beyond_a_sonars_range_leaves_may_be_coarse():
     """Within it so few leaves of small birches sound together that all are made."""
     sonar = Sonar(position=(0.0, -5.0, 3.0), azimuth_deg=90.0, max_range=30.0)
-    _, grown = forest(sonar)
+    grown = forest(sonar)
     away = np.hypot(grown.stand.position[:, 0], grown.stand.position[:, 1] + 5.0)
     assert far_trees(grown).any()
     assert away[far_trees(grown)].min() > 30.0

@@ -32,10 +32,10 @@ from forest_addon.stand.forest import grow_forest
 MESHES = 4  # variants of two species
 
 
-def settings(instancing, count):
+def settings(instancing, count, margin):
     return spec.Scene(
         seed=7,
-        forest=spec.Forest(size=(60.0, 60.0), margin=4.0, instancing=instancing),
+        forest=spec.Forest(size=(60.0, 60.0), margin=margin, instancing=instancing),
         plantings=(
             spec.Planting(species="abop-monopodial-a", variants=2, expected=count, exact=True),
             spec.Planting(species="abop-sympodial-a", variants=2, expected=count, exact=True),
@@ -43,8 +43,8 @@ def settings(instancing, count):
     )
 
 
-def planted(instancing, count=15, species=None):
-    scene = settings(instancing, count)
+def planted(instancing, count=15, species=None, margin=4.0):
+    scene = settings(instancing, count, margin)
     if species:
         only = spec.Planting(species=species, variants=1, expected=count, exact=True)
         scene = scene.changed(plantings=(only,))
@@ -157,21 +157,10 @@ def test_nodes_that_pick_collections_are_refused_in_words(empty_blender, tmp_pat
     assert not list(bpy.context.scene.collection.objects)
 
 
-def wide(instancing):
-    """A stand with a kilometre of ground around it."""
-    scene = settings(instancing, 6).changed(
-        forest=spec.Forest(size=(60.0, 60.0), margin=1000.0, instancing=instancing)
-    )
-    kinds = [load_species(ASSETS / "species" / f"{p.species}.toml") for p in scene.plantings]
-    forest = grow_forest(scene, kinds)
-    build(bpy.context.scene, scene, forest)
-    return forest
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_a_viewer_that_frames_all_shows_the_forest(empty_blender, instancing, tmp_path):
-    forest = wide(instancing)
+    forest = planted(instancing, 6, margin=1000.0)  # a kilometre of ground around it
     before = len(bpy.data.meshes), set(bpy.data.objects)
     export_glb(bpy.context.scene, tmp_path / "forest.glb")
     assert (len(bpy.data.meshes), set(bpy.data.objects)) == before
@@ -204,7 +193,7 @@ print(*whole.GetMin(), *whole.GetMax())
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_another_reader_finds_every_tree_of_a_usd_file(empty_blender, instancing, tmp_path):
     pytest.importorskip("pxr", reason="usd-core reads USD files back")
-    forest = wide(instancing)
+    forest = planted(instancing, 6, margin=1000.0)  # a kilometre of ground around it
     export_usd(bpy.context.scene, tmp_path / "forest.usdc")
     words = [sys.executable, "-c", READ_USD, str(tmp_path / "forest.usdc")]  # beside Blender's own
     told = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()

@@ -13,11 +13,11 @@ from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.base.trimesh import GROUND
 from forest_addon.blender.files.export import save_blend
-from forest_addon.blender.read.depsgraph import SPECIES_KEY, TREE_KEY, read_scene
+from forest_addon.blender.read.depsgraph import SPECIES_KEY, read_scene
 from forest_addon.blender.scene import assets, nodes
 from forest_addon.blender.scene import forest as forest_scene
 from forest_addon.blender.scene import forest as room
-from forest_addon.blender.scene.forest import MANY, build, shapes_in
+from forest_addon.blender.scene.forest import build, shapes_in
 from forest_addon.blender.scene.instances import points_mesh, read_points
 from forest_addon.blender.scene.layout import (
     GROUND_NAME,
@@ -150,19 +150,6 @@ def test_every_node_is_labelled_and_none_covers_another(empty_blender):
     assert len(set(places)) == len(places)
 
 
-def test_light_views_show_outlines_and_sensors_see_trees(empty_blender):
-    obj = plant(light=True)
-    assert {source.name[:5] for source in placed(obj).source} == {"rough"}
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    with nodes.in_full(depsgraph):
-        inside = read_points(obj.evaluated_get(depsgraph))
-        assert {source.name[:4] for source in inside.source} == {"full"}
-    assert {source.name[:5] for source in placed(obj).source} == {"rough"}
-    with pytest.raises(ZeroDivisionError), nodes.in_full(depsgraph):
-        raise ZeroDivisionError
-    assert nodes.is_light(obj.modifiers[0])
-
-
 def test_a_user_finds_named_inputs(empty_blender):
     (modifier,) = plant().modifiers
     assert (modifier.name, modifier.node_group.name) == (nodes.INSTANCER, "Forest Sensing Forest")
@@ -204,6 +191,9 @@ def test_stand_ins_are_whole_near_the_camera_and_sensors_see_all_whole(empty_ble
     assert 0 < whole.sum() < len(whole) or within != 90
     with nodes.in_full(bpy.context.evaluated_depsgraph_get()):
         assert {source.name[:4] for source in placed(obj).source} == {"full"}
+    with pytest.raises(ZeroDivisionError), nodes.in_full(bpy.context.evaluated_depsgraph_get()):
+        raise ZeroDivisionError
+    assert nodes.is_light(obj.modifiers[0])
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
@@ -286,16 +276,6 @@ def test_the_planned_variant_stands_at_every_place(empty_blender, grown):
         planned = f"{grown.labels[stand.species[tree]]}.{stand.variant[tree]:03d}"
         assert found.source[found.index[row]].data.name == planned
     assert np.abs(found.transform - grown.transforms()[found.tree]).max() < 1e-6
-
-
-@pytest.mark.medium
-def test_many_trees_become_points_by_themselves(empty_blender, grown):
-    few = scene_of("auto")
-    build(bpy.context.scene, few, grown)
-    trees = part(bpy.context.scene, TREES).all_objects
-    assert len(trees) == len(grown.stand) <= MANY
-    assert all(TREE_KEY in obj and SPECIES_KEY in obj for obj in trees)
-    assert not part(bpy.context.scene, OUTLINES).objects
 
 
 @pytest.mark.medium

@@ -1,7 +1,5 @@
 """Trees from an asset library, in a file that knows nothing of us: sensors and tables know what they are."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,8 +20,8 @@ from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.tree import grow
 from forest_addon.growth.truth import tree_truth
 from forest_addon.stand.forest import NONE, placed_leaves, placed_table
+from headless.cli import main
 
-ROOT = Path(__file__).resolve().parents[2]
 SPECIES = "fern", "hazelnut"
 POSE = Matrix.LocRotScale((3.0, -2.0, 0.4), Euler((0.2, -0.1, 1.1)), (1.3, 1.3, 1.3))
 BENT = Matrix.LocRotScale((-3.0, 1.0, 0.0), Euler((0.0, 0.0, 0.3)), (1.0, 0.8, 1.4))
@@ -33,13 +31,9 @@ BAT = api.Sonar(position=(0.0, 0.0, 1.0), beam="omni", max_range=8.0, cull=0.0)
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    """A library that another process has made."""
+    """A library as the command makes it."""
     out = tmp_path_factory.mktemp("library")
-    words = [sys.executable, "-m", "headless", "assets", *SPECIES, "--variants", "2"]
-    done = subprocess.run(
-        [*words, "--out", str(out)], cwd=ROOT, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
+    assert main(["assets", *SPECIES, "--variants", "2", "--out", str(out)]) == 0
     return out
 
 
@@ -80,16 +74,11 @@ def direct(tree, matrix, number):
     bpy.context.view_layer.update()
 
 
-WAYS = [
-    ("objects", False, 0),
-    ("objects", True, 1),
-    ("collections", False, 1),
-    ("collections", True, 0),
-]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "link", "variant"), WAYS)
+@pytest.mark.parametrize(
+    ("kind", "link", "variant"),
+    [("objects", False, 0), ("objects", True, 1), ("collections", True, 1)],
+)
 def test_a_tree_of_a_library_is_seen_as_the_tree_that_it_is(
     empty_blender, library, kind, link, variant
 ):

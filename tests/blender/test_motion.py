@@ -16,6 +16,9 @@ from forest_addon.sensing.sonar.summation import factors
 
 SPEED, RATE = 3.0, 0.8  # m/s, rad/s
 FAR = 12.0
+SECONDS = 4
+LAST = 1 + 24 * SECONDS
+ENGINES = ("embree", "bvhtree")
 FAN = forest.Terrestrial(
     position=(0, 0, 0),
     azimuth_deg=(-20, 20),
@@ -26,16 +29,16 @@ FAN = forest.Terrestrial(
 )
 
 
-def keyed(obj, path, rows, frames):
-    """Linear keys of a property at frames."""
+def keyed(obj, path, rows, frames, interpolation="LINEAR"):
+    """Keys of a property at frames; what lies beyond linear ones goes on evenly."""
     for frame, row in zip(frames, rows, strict=True):
         setattr(obj, path, row)
         obj.keyframe_insert(path, frame=frame)
-    curves = curves_of(obj)
+    curves = curves_of(obj.id_data)
     for curve in curves:
         for point in curve.keyframe_points:
-            point.interpolation = "LINEAR"
-        curve.extrapolation = "LINEAR"
+            point.interpolation = interpolation
+        curve.extrapolation = "LINEAR" if interpolation == "LINEAR" else "CONSTANT"
 
 
 def hide(obj, frames):
@@ -54,6 +57,20 @@ def ways(cloud):
     )
 
 
+def scan(engine="auto", sensor=FAN):
+    return forest.current(forest.Scene(rays=forest.Rays(engine=engine))).scan(sensor)
+
+
+def on_plate(result):
+    names = np.array(forest.current().objects)
+    return names[result.found.returns.instance] == "plate"
+
+
+def nearing():
+    """The plate at x = FAR - SPEED t."""
+    keyed(bpy.data.objects["plate"], "location", [(FAR, 0, 0), (FAR - 4 * SPEED, 0, 0)], (1, LAST))
+
+
 @pytest.fixture
 def scene(empty_blender):
     scene = bpy.context.scene
@@ -68,30 +85,21 @@ def scene(empty_blender):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("engine", ["embree", "bvhtree"])
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("subrays", [1, 7])
 def test_a_plate_that_nears_is_met_where_it_is(scene, engine, subrays):
     """Against the closed form: a plate at x = FAR - SPEED t, before a wall that stands."""
-    plate = bpy.data.objects["plate"]
-    frames = (1, 1 + 24 * 4)
-    keyed(plate, "location", [(FAR, 0, 0), (FAR - 4 * SPEED, 0, 0)], frames)
-    world = forest.current(forest.Scene(rays=forest.Rays(engine=engine)))
+    nearing()
     beam = forest.Beam(subrays=subrays, divergence_mrad=(0.1, 0.1))
-    result = world.scan(FAN.changed(beam=beam))
+    result = scan(engine, FAN.changed(beam=beam))
     cloud = result.found
-    way = np.column_stack(
-        [
-            np.cos(cloud.elevation) * np.cos(cloud.azimuth),
-            np.cos(cloud.elevation) * np.sin(cloud.azimuth),
-            np.sin(cloud.elevation),
-        ]
-    )
+    way = ways(cloud)
     assert len(cloud) == 81 * 41
     assert cloud.time.max() > 1.0
     place = FAR - SPEED * cloud.time
     at = place[:, None] / way[:, :1] * way
     aside = np.abs(at[:, 1:]).max(axis=1)
-    ours = np.array([world.objects[n] == "plate" for n in result.labels["object"]])
+    ours = on_plate(result)
     sure = np.abs(aside - 1) > 0.01  # beams over its edge have two echoes
     assert np.array_equal(ours[sure], (aside < 1)[sure])
     expected = np.where(ours, place, 40.0) / way[:, 0]
@@ -118,18 +126,10 @@ def test_turning_parented_and_constrained_things_are_followed(scene):
     scene.frame_set(1)
     result = forest.current().scan(FAN)
     cloud = result.found
-    tree = np.array(
-        [n == "plate" for n in np.array(forest.current().objects)[cloud.returns.instance]]
-    )
+    tree = on_plate(result)
     turn = RATE * cloud.time
     normal = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
-    way = np.column_stack(
-        [
-            np.cos(cloud.elevation) * np.cos(cloud.azimuth),
-            np.cos(cloud.elevation) * np.sin(cloud.azimuth),
-            np.sin(cloud.elevation),
-        ]
-    )
+    way = ways(cloud)
     expected = FAR * normal[:, 0] / (way * normal).sum(axis=1)
     assert tree.sum() > 100
     assert np.abs(cloud.true_range - expected)[tree].max() < 2e-5
@@ -140,19 +140,26 @@ def test_turning_parented_and_constrained_things_are_followed(scene):
     assert result.audit.kept
 
 
-def test_a_scene_that_stands_still_is_scanned_as_before(scene):
+@pytest.mark.parametrize("keyed", [False, True])
+def test_a_scene_that_stands_still_is_scanned_as_before(scene, keyed):
+    """Also with a shape key that is there and never used: evaluated anew at every frame, always the same."""
+    if keyed:
+        tilted()
+        shapes = bpy.data.objects["plate"].data.shape_keys
+        shapes.animation_data_clear()
+        shapes.key_blocks[1].value = 0.0
+        scene.frame_set(1)
     still, moving = (forest.current().scan(FAN.changed(motion=m)) for m in (False, True))
     assert np.array_equal(still.points, moving.points)
     assert not moving.motion["velocity"].any()
     assert still.motion == {}
 
 
-@pytest.mark.parametrize("engine", ["embree", "bvhtree"])
+@pytest.mark.parametrize("engine", ENGINES)
 def test_nothing_but_what_moves(scene, engine):
     bpy.data.objects.remove(bpy.data.objects["wall"])
-    plate = bpy.data.objects["plate"]
-    keyed(plate, "location", [(FAR, 0, 0), (FAR - 4 * SPEED, 0, 0)], (1, 97))
-    cloud = forest.current(forest.Scene(rays=forest.Rays(engine=engine))).scan(FAN)
+    nearing()
+    cloud = scan(engine)
     assert 100 < len(cloud) < 81 * 41
     assert cloud.audit.kept
 
@@ -169,8 +176,7 @@ def test_what_appears_meanwhile_is_refused_in_words(scene):
 
 
 def test_a_large_scan_goes_to_a_file_as_it_moves(scene, tmp_path):
-    plate = bpy.data.objects["plate"]
-    keyed(plate, "location", [(FAR, 0, 0), (FAR - 4 * SPEED, 0, 0)], (1, 97))
+    nearing()
     world = forest.current()
     cloud = world.scan(FAN)
     done = world.scan_to(tmp_path / "moving.npz", FAN)
@@ -283,9 +289,7 @@ def eased(curve, frame):
 def test_what_eases_in_and_out_has_the_speed_of_the_time(scene):
     """Bezier keys: heard and flown at the speed of the ping's time, within what Blender's float32 tells."""
     plate = bpy.data.objects["plate"]
-    for frame, place in ((1, FAR), (49, FAR / 2)):
-        plate.location.x = place
-        plate.keyframe_insert("location", frame=frame)
+    keyed(plate, "location", [(FAR, 0, 0), (FAR / 2, 0, 0)], (1, 49), "BEZIER")
     curves = curves_of(plate)
     curve = next(c for c in curves if c.data_path == "location" and c.array_index == 0)
     for frame in (5, 33):
@@ -307,10 +311,7 @@ def test_what_bends_is_heard_at_its_own_speed(scene):
     key = plate.shape_key_add(name="out")
     for point in key.data:
         point.co.z += 1.0
-    key.value = 0.0
-    key.keyframe_insert("value", frame=1)
-    key.value = 1.0
-    key.keyframe_insert("value", frame=49)
+    keyed(key, "value", (0.0, 1.0), (1, 49), "BEZIER")
     now, after = [], []
     for frame, places in ((24, now), (26, after)):
         scene.frame_set(frame)
@@ -344,20 +345,6 @@ def test_the_audit_follows_a_call_in_pieces(scene):
 # Scans of what changes its shape, comes and goes: closed forms through Blender.
 
 TILT = 0.4  # m a metre and second
-SECONDS = 4
-LAST = 1 + 24 * SECONDS
-ENGINES = ("embree", "bvhtree")
-
-
-def scan(engine="auto", **changes):
-    return forest.current(forest.Scene(rays=forest.Rays(engine=engine))).scan(
-        FAN.changed(**changes)
-    )
-
-
-def on_plate(result):
-    names = np.array(forest.current().objects)
-    return names[result.found.returns.instance] == "plate"
 
 
 def tilted():
@@ -367,17 +354,7 @@ def tilted():
     key = plate.shape_key_add(name="tilted")
     for point in key.data:
         point.co.z += TILT * SECONDS * point.co.y
-    key.value = 0.0
-    keyed_key(key)
-
-
-def keyed_key(key):
-    for frame, value in ((1, 0.0), (LAST, 1.0)):
-        key.value = value
-        key.keyframe_insert("value", frame=frame)
-    curves = curves_of(key.id_data)
-    for point in curves[0].keyframe_points:
-        point.interpolation = "LINEAR"
+    keyed(key, "value", (0.0, 1.0), (1, LAST))
 
 
 @pytest.mark.medium
@@ -420,13 +397,7 @@ def test_a_plate_that_a_bone_turns_is_met_as_it_turns(scene, engine):
     plate.modifiers.new("Armature", "ARMATURE").object = frame
     bone = frame.pose.bones["Bone"]
     bone.rotation_mode = "XYZ"  # the bone's own Y is the world's Z
-    for at, turn in ((1, 0.0), (LAST, RATE * SECONDS)):
-        bone.rotation_euler = (0, turn, 0)
-        bone.keyframe_insert("rotation_euler", frame=at)
-    curves = curves_of(frame)
-    for curve in curves:
-        for point in curve.keyframe_points:
-            point.interpolation = "LINEAR"
+    keyed(bone, "rotation_euler", [(0, 0, 0), (0, RATE * SECONDS, 0)], (1, LAST))
     scene.frame_set(1)
     result = scan(engine)
     cloud, way, mine = result.found, ways(result.found), on_plate(result)
@@ -486,12 +457,7 @@ def test_other_triangles_are_met_from_their_frame_on(scene, engine):
     array = plate.modifiers.new("Array", "ARRAY")
     array.use_relative_offset, array.use_constant_offset = False, True
     array.constant_offset_displace = (0, 0, -FAR / 2)  # the plate's z is the world's x
-    for frame, count in ((1, 1), (21, 2)):
-        array.count = count
-        array.keyframe_insert("count", frame=frame)
-    curves = curves_of(plate)
-    for point in curves[0].keyframe_points:
-        point.interpolation = "CONSTANT"
+    keyed(array, "count", (1, 2), (1, 21), "CONSTANT")
     scene.frame_set(1)
     result = scan(engine)
     cloud, way = result.found, ways(result.found)
@@ -513,18 +479,6 @@ def test_other_triangles_are_met_from_their_frame_on(scene, engine):
     assert result.audit.kept
 
 
-def test_what_waves_and_stands_at_rest_is_a_still_scene(scene):
-    """A key that is there and never used: evaluated anew at every frame, and always the same."""
-    tilted()
-    key = bpy.data.objects["plate"].data.shape_keys
-    key.animation_data_clear()
-    key.key_blocks[1].value = 0.0
-    scene.frame_set(1)
-    still, moving = (forest.current().scan(FAN.changed(motion=m)) for m in (False, True))
-    assert np.array_equal(still.points, moving.points)
-    assert not moving.motion["velocity"].any()
-
-
 def test_the_report_says_how_far_the_tops_of_trees_are_off_their_rest():
     from forest_addon.results.scanner import _of_tops
 
@@ -538,11 +492,6 @@ def test_the_report_says_how_far_the_tops_of_trees_are_off_their_rest():
 # Scans of animated scenes against every triangle as Blender evaluates it at the pulse's own frame.
 
 FEW = FAN.changed(angle_step_deg=2.0, pulse_rate=250.0)  # 231 pulses, 0.92 s, 22 frames
-ANIMATED_ENGINES = ["embree", "bvhtree"]
-
-
-def animated_scan(engine, sensor=FEW):
-    return forest.current(forest.Scene(rays=forest.Rays(engine=engine))).scan(sensor)
 
 
 def at_frame(frame, way):
@@ -584,8 +533,7 @@ def off(cloud, most=30):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ANIMATED_ENGINES)
-def test_particles_that_are_born_meanwhile_have_their_own_shape(scene, engine):
+def test_particles_that_are_born_meanwhile_have_their_own_shape(scene):
     """Spheres before their emitter: those born after the present frame are spheres, too."""
     bpy.data.objects.remove(bpy.data.objects["plate"])
     bpy.ops.mesh.primitive_grid_add(
@@ -604,28 +552,21 @@ def test_particles_that_are_born_meanwhile_have_their_own_shape(scene, engine):
     settings.instance_object = bpy.context.object
     settings.normal_factor = -3.0
     scene.frame_set(1)
-    result = animated_scan(engine)
+    result = scan(sensor=FEW)
     assert np.quantile(off(result.found), 0.9) < 1e-4
     assert any('"Grid" has more or fewer parts' in words for words in result.warnings)
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("engine", ANIMATED_ENGINES)
+@pytest.mark.parametrize("engine", ENGINES)
 def test_what_jumps_is_met_at_one_place_or_the_other(scene, engine):
     """Constant keys: nothing is met between the places, in no sixteenth of a frame."""
     plate = bpy.data.objects["plate"]
     plate.scale = (30, 30, 30)
-    for frame, place in ((1, FAR), (8, FAR - 4), (15, FAR + 2)):
-        plate.location.x = place
-        plate.keyframe_insert("location", frame=frame)
-    curves = curves_of(plate)
-    for curve in curves:
-        for point in curve.keyframe_points:
-            point.interpolation = "CONSTANT"
+    places = [(FAR, 0, 0), (FAR - 4, 0, 0), (FAR + 2, 0, 0)]
+    keyed(plate, "location", places, (1, 8, 15), "CONSTANT")
     scene.frame_set(1)
-    rate = 24 * 16 * 8.0  # eight pulses in a sixteenth of a frame
-    dense = FAN.changed(angle_step_deg=0.5, pulse_rate=rate)
-    result = animated_scan(engine, dense)
+    result = scan(engine, FAN.changed(pulse_rate=24 * 16 * 8.0))  # eight in a sixteenth of a frame
     cloud = result.found
     frame = 1 + cloud.time * 24
     place = np.select([frame < 8, frame < 15], [FAR, FAR - 4], FAR + 2)
@@ -643,7 +584,7 @@ def test_mapped_time_is_that_of_the_scene_and_the_frame_stays(scene):
     plate.scale = (3, 3, 3)
     keyed(plate, "location", [(FAR, 0, 0), (FAR - 6, 0, 0)], (1, 31))
     scene.frame_set(7, subframe=0.25)
-    result = animated_scan("embree")
+    result = scan(sensor=FEW)
     assert (scene.frame_current, scene.frame_subframe) == (7, 0.25)
     assert off(result.found).max() < 1e-5
     bat = bpy.data.objects.new("bat", None)
@@ -653,8 +594,7 @@ def test_mapped_time_is_that_of_the_scene_and_the_frame_stays(scene):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ANIMATED_ENGINES)
-def test_triangles_that_are_others_at_all_times_are_read_between_frames(scene, engine):
+def test_triangles_that_are_others_at_all_times_are_read_between_frames(scene):
     """A block out of which a ball cuts a groove as it passes: 1/16 frame behind at most, and that is said."""
     bpy.data.objects.remove(bpy.data.objects["plate"])
     bpy.ops.mesh.primitive_cube_add(size=3, location=(FAR, 0, 0))
@@ -667,7 +607,7 @@ def test_triangles_that_are_others_at_all_times_are_read_between_frames(scene, e
     cut = block.modifiers.new("Boolean", "BOOLEAN")
     cut.object, cut.operation = ball, "DIFFERENCE"
     scene.frame_set(1)
-    result = animated_scan(engine, FEW.changed(pulse_rate=1000.0))  # 6 frames
+    result = scan(sensor=FEW.changed(pulse_rate=1000.0))  # 6 frames
     assert np.quantile(off(result.found), 0.9) < 4 / 11 / 16  # what the ball goes in a sixteenth
     assert any(
         '"block" is made of other triangles' in words and "2.6 ms" in words
@@ -684,8 +624,8 @@ def test_a_rotor_is_met_as_it_turns(scene, turns):
     plate.scale, plate.rotation_euler = (1, 2, 1), (0, math.pi / 2, 0)
     keyed(plate, "delta_rotation_euler", [(0, 0, 0), (0, 0, 2 * math.pi * turns * 100)], (1, 101))
     scene.frame_set(1)
-    result = animated_scan("embree", FAN.changed(angle_step_deg=2.0, pulse_rate=2000.0))
-    mine = np.array([forest.current().objects[k] == "plate" for k in result.found.returns.instance])
+    result = scan(sensor=FAN.changed(angle_step_deg=2.0, pulse_rate=2000.0))
+    mine = on_plate(result)
     speed = np.linalg.norm(result.motion["velocity"][mine], axis=1)
     arm = result.found.position[mine] - (FAR, 0, 0)
     rate = 2 * math.pi * turns * 24

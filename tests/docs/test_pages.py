@@ -144,11 +144,12 @@ SMALLER = (
     (r"\bangle_step_deg=0\.2\b", "angle_step_deg=0.3"),
     (r"\bangle_step_deg=(0\.5|1\.0)", "angle_step_deg=2.0"),
     (r"(position=\(14\.5, 14\.5, 1\.6\))", r"\1, angle_step_deg=2.0"),
-    (r"\barange\(-40, 41, 5\.0\)", "arange(-40, 41, 20.0)"),
+    (r"\barange\(-40, 41, 5\.0\)", "arange(-40, 41, 40.0)"),
     (r"(dataset (tiny|hazels\.toml)) ", r"\1 --workers 1 "),
     (
         r"dataset tiny ",
         "dataset tiny --set scene.sensors[tls].angle_step_deg=3.0 --set scene.forest.margin=2.0 "
+        "--set scene.sensors[als].pulse_rate=2000.0 "
         "--set 'mix.species=[\"hazelnut\"]' --set mix.kinds=[1,1] ",
     ),
     (r"\bcull=0\.01\b", "cull=0.1"),
@@ -165,6 +166,18 @@ SMALLER = (
     (r"\barray\(\[3\.0, 6\.0, 12\.0, 24\.0\]\)", "array([3.0, 24.0])"),
     (r"\bside in range\(4\)", "side in range(1)"),
     (r"^bake\(", "bpy.context.scene.frame_end = 3\nbake("),
+    (r"\bfly flight-poisson\b", "fly assets/scenes/flight-poisson.toml"),
+    (r"max_range=6\.0, cull=0\.1\b", "max_range=4.0, cull=0.1"),
+    (r"\barange\(40\)", "arange(12)"),
+    (r"\[(:?)20(:?)\]", r"[\g<1>6\2]"),
+    (r"\bduration=1\.0\b", "duration=0.3"),
+    (r"\bsize = 30\.0", "size = 14.0"),
+    (r"\bmost=20_000\b", "most=2_000"),
+    (r"\(-15, 10\), angle_step_deg=0\.3", "(-15, 10), angle_step_deg=1.0"),
+    (
+        r"angle_step_deg=0\.3, elevation_deg=\(-10, 80\)",
+        "angle_step_deg=1.0, elevation_deg=(-10, 80)",
+    ),
 )
 
 
@@ -175,7 +188,7 @@ def smaller(text):
 
 
 @pytest.fixture
-def reader(tmp_path, monkeypatch, empty_blender, quick):
+def reader(tmp_path, monkeypatch, empty_blender, quick, warm):
     """A reader's folder: the assets, a tree of one's own; scenes that pages name have a few trees."""
     scenes = tmp_path / "assets" / "scenes"
     scenes.mkdir(parents=True)
@@ -191,6 +204,7 @@ def reader(tmp_path, monkeypatch, empty_blender, quick):
     for name in ("wood.stl", "leaves.stl"):
         (tmp_path / name).symlink_to(ROOT / "assets" / "templates" / "hazelnut" / name)
     (tmp_path / "big.toml").write_text(BIG, encoding="utf-8")
+    warm.lend(monkeypatch)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

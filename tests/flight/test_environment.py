@@ -1,7 +1,6 @@
 """Gymnasium's rules, the same numbers as the sensors elsewhere, and what may go wrong."""
 
 import re
-import subprocess
 import sys
 import warnings
 from pathlib import Path
@@ -16,13 +15,14 @@ gymnasium = pytest.importorskip("gymnasium")
 from gymnasium import error
 from gymnasium.utils.env_checker import check_env
 
+import forest_addon
 from forest_addon import api as forest
 from forest_addon.flight import ENVIRONMENTS
 from forest_addon.flight.environment import FlightEnv, FlightVectorEnv, PoissonEnv
 from forest_addon.flight.obstacles import distances
-from forest_addon.flight.senses import SONAR, LidarSense
+from forest_addon.flight.senses import SONAR, LidarSense, degrees
 from forest_addon.flight.stems import poisson_forests
-from forest_addon.spec import Beam, Flight, Mobile, Noise, SpecError
+from forest_addon.spec import Beam, Flight, Mobile, Noise, Pose, Sonar, SpecError
 
 FLIGHT = Flight(distance=15.0, steps=60, start_low=(0.0, 0.0), start_high=(1.0, 1.0), thinnest=0.0)
 SCENE = forest.Scene(
@@ -60,14 +60,14 @@ def same(one, other):
     )
 
 
-@pytest.mark.slow
-def test_seeds_decide_everything(env):
-    first, other = fly(env, 5), fly(env, 6)
-    assert same(first, fly(env, 5))
-    assert not same(first, other)
-    fixed = fly(env, 5, forest=9)
-    assert same(fixed, fly(env, 5, forest=9))
-    assert not same(fixed, first)
+def posed(sensor, state):
+    """The settings of a flyer's scanner or sonar at its pose."""
+    heading, pitch, roll = degrees(state, 0)
+    place = tuple(state.position[0].tolist())
+    if isinstance(sensor, Sonar):
+        return sensor.changed(position=place, azimuth_deg=heading, elevation_deg=pitch)
+    pose = Pose(position=place, heading_deg=heading, pitch_deg=pitch, roll_deg=roll)
+    return sensor.changed(poses=(pose,))
 
 
 @pytest.mark.medium
@@ -78,13 +78,13 @@ def test_a_step_senses_what_the_sensors_find_there(env):
         told = env.step(np.array([turn, 0.4, 0.2]))[0]
     flyers = env.flights.flyers
     world = env.world()
-    scanner = flyers.lidar.scanner.changed(poses=(flyers.lidar.pose(flyers.state),))
+    scanner = posed(flyers.lidar.scanner, flyers.state)
     cloud = world.scan(scanner).found
     assert len(cloud) > 10
     truth = np.full(flyers.lidar.rays, scanner.max_range)
     truth[cloud.pulse] = cloud.true_range
     assert np.array_equal(told["lidar"], truth)
-    heard = world.ping(flyers.ears.settings(flyers.state))
+    heard = world.ping(posed(flyers.ears.sonar, flyers.state))
     ours = flyers.ears.ping(flyers.world, flyers.state)
     assert heard.pings[0].heard.instance.size > 10
     assert np.array_equal(ours.waveforms, heard.pings[0].waveforms)
@@ -96,9 +96,6 @@ def test_a_step_senses_what_the_sensors_find_there(env):
 @pytest.mark.parametrize(
     "scanner",
     [
-        Mobile(
-            pattern="spinning", channels=4, field_deg=(-20.0, 20.0), pulse_rate=2560, line_rate=20.0
-        ),
         Mobile(
             pattern="zigzag",
             field_deg=(-60.0, 60.0),
@@ -115,7 +112,7 @@ def test_a_step_senses_what_the_sensors_find_there(env):
             beam=Beam(subrays=7, divergence_mrad=(5, 5), max_returns=2),
         ),
     ],
-    ids=["spinning", "zigzag", "noisy"],
+    ids=["zigzag", "noisy"],
 )
 def test_any_pattern_is_that_of_the_scanner(env, scanner):
     env.reset(seed=12)
@@ -125,7 +122,7 @@ def test_any_pattern_is_that_of_the_scanner(env, scanner):
     told = lidar.look(flyers.world, state, np.array([seed]))[0]
     world = env.world()
     world.scene = world.scene.changed(seed=seed)
-    cloud = world.scan(scanner.changed(poses=(lidar.pose(state),))).found
+    cloud = world.scan(posed(scanner, state)).found
     first = cloud.number == 1
     truth = np.full(lidar.rays, scanner.max_range)
     truth[cloud.pulse[first]] = cloud.returns.distance[first]
@@ -181,17 +178,6 @@ def test_ended_flights_begin_anew_on_the_next_step():
 
 
 @pytest.mark.medium
-def test_pictures(env):
-    drawn = FlightEnv(SCENE, sensors=(), render_mode="rgb_array")
-    drawn.reset(seed=1)
-    drawn.step(np.zeros(3))
-    picture = drawn.render()
-    assert picture.dtype == np.uint8
-    assert picture.shape[2] == 3
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) >= 4
-
-
-@pytest.mark.medium
 def test_pictures_of_many_flyers():
     many = FlightVectorEnv(2, SCENE, sensors=(), render_mode="rgb_array")
     assert many.render() is None
@@ -199,6 +185,8 @@ def test_pictures_of_many_flyers():
     many.step(np.zeros((2, 3)))
     one, other = many.render()
     assert one.shape == other.shape
+    assert one.dtype == np.uint8
+    assert len(np.unique(one.reshape(-1, one.shape[2]), axis=0)) >= 4
     assert not np.array_equal(one, other)
 
 
@@ -272,10 +260,14 @@ def test_all_are_registered_and_the_readme_says_how():
     assert "Flight-v0" in text
 
 
-def test_a_module_in_the_name_is_import_enough():
-    code = f"import gymnasium; print(gymnasium.make('forest_addon.flight:{POISSON}').spec.id)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.stdout.split() == [POISSON], done.stderr
+def test_a_module_in_the_name_is_import_enough(monkeypatch):
+    monkeypatch.setattr(forest_addon, "flight", forest_addon.flight)
+    monkeypatch.delitem(sys.modules, "forest_addon.flight")
+    for name in ENVIRONMENTS:
+        monkeypatch.delitem(gymnasium.registry, name)
+    with pytest.raises(error.UnregisteredEnv):
+        gymnasium.make(POISSON)
+    assert gymnasium.make(f"forest_addon.flight:{POISSON}").spec.id == POISSON
 
 
 def begun(make=gymnasium.make, **given):
@@ -436,13 +428,13 @@ def test_a_step_senses_the_trees_of_its_moment(swaying_env):
     flyers, world = swaying_env.flights.flyers, swaying_env.world()
     bpy.context.scene.render.fps = 24
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + round(2 * STEP * 24))
-    scanner = flyers.lidar.scanner.changed(poses=(flyers.lidar.pose(flyers.state),))
+    scanner = posed(flyers.lidar.scanner, flyers.state)
     cloud = world.scan(scanner).found
     truth = np.full(flyers.lidar.rays, scanner.max_range)
     truth[cloud.pulse] = cloud.true_range
     assert len(cloud) > 10
     assert np.array_equal(told["lidar"], truth)
-    heard = world.ping(flyers.ears.settings(flyers.state)).pings[0]
+    heard = world.ping(posed(flyers.ears.sonar, flyers.state)).pings[0]
     ours = flyers.ears.ping(flyers.world, flyers.state, time=float(flyers.time[0]))
     assert heard.heard.instance.size > 10
     assert np.array_equal(ours.waveforms, heard.waveforms)
@@ -468,11 +460,11 @@ def test_the_first_touch_is_that_of_the_moment(swaying_env):
         corners.append(moved @ stands[:, :3].T + stands[:, 3])
     corners = np.concatenate(corners)
     rng = np.random.default_rng(0)
-    ends = corners[rng.integers(len(corners), size=12), 0] + rng.normal(0, 0.05, (12, 3))
-    start = ends + rng.normal(0, 0.3, (12, 3))
+    ends = corners[rng.integers(len(corners), size=8), 0] + rng.normal(0, 0.05, (8, 3))
+    start = ends + rng.normal(0, 0.3, (8, 3))
     now = world.obstacles.at(time)
     share, room = now.touch(start, ends, 0.05), now.room(start)
-    for k in range(12):
+    for k in range(8):
         away = distances(start[k], corners).min()
         assert room[k] <= away + 1e-9
         if away <= 0.05:
@@ -481,7 +473,7 @@ def test_the_first_touch_is_that_of_the_moment(swaying_env):
             there = start[k] + share[k] * (ends[k] - start[k])
             assert distances(there, corners).min() == pytest.approx(0.05, abs=1e-6)
         else:
-            along = start[k] + np.linspace(0, 1, 41)[:, None] * (ends[k] - start[k])
+            along = start[k] + np.linspace(0, 1, 21)[:, None] * (ends[k] - start[k])
             assert min(distances(spot, corners).min() for spot in along) > 0.05 - 1e-9
-    assert np.isfinite(share).sum() > 4
+    assert np.isfinite(share).sum() > 2
     assert not np.array_equal(share, world.obstacles.at(time + 1.0).touch(start, ends, 0.05))

@@ -1,9 +1,5 @@
 """What a user may do to an environment, and what it answers."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -106,34 +102,3 @@ def test_what_stands_in_blender_is_flown_through():
         if info["crashed"]:
             break
     assert info["position"][0] == pytest.approx(4.5 - 0.15, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_another_process_flies_the_same(one):
-    """The same seed in a process of its own is sensed the same, to the bit."""
-    code = f"""
-import sys, numpy as np
-sys.path[:0] = [{str(Path(__file__).parent)!r}]
-from test_hard_cases import ONE, flight_of
-from forest_addon.flight.environment import FlightEnv
-env = FlightEnv(ONE, sensors=("lidar",))
-print("flight", flight_of(env, 1))
-"""
-    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    said = done.stdout.partition("flight ")[2].split()[0]  # Blender 4.5 has a last word of its own
-    assert said == flight_of(one, 1) != flight_of(one, 0)
-
-
-def flight_of(env, seed):
-    """The bytes of what is sensed along a flight, as text."""
-    import hashlib
-
-    digest, rng = hashlib.sha256(), np.random.default_rng(seed)
-    seen, _ = env.reset(seed=seed)
-    for _ in range(15):
-        for name in sorted(seen):
-            digest.update(seen[name].tobytes())
-        seen, _, done, cut, _ = env.step(rng.uniform(-1, 1, 3))
-        if done or cut:
-            break
-    return digest.hexdigest()

@@ -18,10 +18,9 @@ from forest_addon.flight.listening import (
 from forest_addon.flight.policies import SIZE, Trained
 from forest_addon.flight.senses import SONAR as EARS
 from forest_addon.flight.senses import EarSense
-from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.stems import StemWorld
 from forest_addon.sensing.sonar.calls import synthesise
-from forest_addon.spec import Air, Flight, SonarReceiver, SpecError
+from forest_addon.spec import Air, Flight, SpecError
 
 AIR = Air()
 LOW, HIGH = SONAR.band
@@ -119,35 +118,6 @@ def test_listeners_tell_what_their_feature_holds():
             assert 0.2 < area_under_curve(score, is_it[40:]) < 0.8
     with pytest.raises(SpecError, match="not known"):
         Listener("luck")
-
-
-@pytest.fixture(scope="module")
-def flights():
-    """Senses of two flyers, in an open field and before a trunk, without a receiver and in its noise."""
-    told = {}
-    noise = SonarReceiver(source_level_db=110.0, self_noise_db=0.0)
-    for name, receiver in (("clean", None), ("noisy", noise), ("again", noise)):
-        made = Flyers(FLIGHT, 2, None, EarSense(HEARS.changed(receiver=receiver), AIR, "waveforms"))
-        made.enter(trunk(3.0, 0.2))
-        made.start([0, 1], [7, 8])
-        told[name] = []
-        for _ in range(2):
-            told[name].append(made.sense())
-            made.step(np.zeros((2, 3)))
-    return told
-
-
-def test_the_noise_of_a_receiver_has_streams_of_its_own(flights):
-    """It moves nothing else, differs by flyer, ear and ping, and is drawn again by the same seeds."""
-    noise = []
-    for clean, noisy_, again in zip(
-        *(flights[k] for k in ("clean", "noisy", "again")), strict=True
-    ):
-        assert np.array_equal(clean["odometry"], noisy_["odometry"])
-        assert np.array_equal(noisy_["sonar"], again["sonar"])
-        noise += list((noisy_["sonar"] - clean["sonar"]).reshape(4, -1))
-    apart = np.corrcoef(np.array(noise))
-    assert np.abs(apart - np.eye(8)).max() < 6 / np.sqrt(len(noise[0]))
 
 
 def test_a_policy_by_ear_feels_which_side_is_louder():

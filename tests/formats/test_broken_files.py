@@ -14,7 +14,7 @@ import zlib
 import laspy
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis.strategies import integers
 
 from forest_addon.base.places import ASSETS
@@ -297,6 +297,7 @@ def arrays_of(found):
 
 @pytest.mark.medium
 @pytest.mark.parametrize("kind", READERS)
+@settings(max_examples=12)
 @given(seed=integers(0, 2**32 - 1))
 def test_a_broken_file_is_one_sentence(kind, seed, tmp_path):
     name, make, read = READERS[kind]

@@ -11,7 +11,8 @@ import laspy
 import numpy as np
 import pye57
 import pytest
-from pypcd4 import PointCloud
+from references.points import cloud as drawn_cloud
+from references.points import of_another_reader, ply_rows
 from scipy.io import loadmat, wavfile
 from scipy.spatial import cKDTree
 
@@ -28,8 +29,6 @@ from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import SpecError
 from forest_addon.stand.forest import cylinder_table, grow_forest, inventory
 
-from . import test_scan_file
-
 CLAP = spec.Reverb(sample_rate=8000, duration=0.05)
 POINTS, SOUNDS = RESULTS["terrestrial"].endings, RESULTS["reverb"].endings
 OFFSET = Offset((500_000.25, 4_000_000.5, 100.125), "EPSG:32632")
@@ -37,54 +36,7 @@ OFFSET = Offset((500_000.25, 4_000_000.5, 100.125), "EPSG:32632")
 
 @pytest.fixture
 def cloud():
-    return test_scan_file.cloud()
-
-
-def of_another_reader(path, ending):
-    """Positions (P, 3) in float64 and a column that tells the points, by a program that is not ours."""
-    if ending in (".laz", ".las"):
-        found = laspy.read(path)
-        return found.xyz, "tree", found["tree"]
-    if ending == ".copc.laz":
-        with laspy.CopcReader.open(path) as reader:
-            found = reader.query()
-        return np.stack([found.x, found.y, found.z], axis=1), "tree", found["tree"]
-    if ending == ".npz":
-        with np.load(path) as found:
-            return np.stack([found[axis] for axis in "xyz"], axis=1), "tree", found["tree"]
-    if ending == ".csv":
-        with open(path, newline="") as file:
-            rows = list(csv.DictReader(file))
-        place = [[float(row[f"{axis}_m"]) for axis in "xyz"] for row in rows]
-        return np.array(place), "tree", [int(row["tree"]) for row in rows]
-    if ending == ".e57":
-        file = pye57.E57(str(path))
-        found = file.read_scan(0, intensity=True, ignore_missing_fields=True)
-        file.close()
-        place = np.stack([found[f"cartesian{axis}"] for axis in "XYZ"], axis=1)
-        return place, "amplitude", found["intensity"]
-    if ending.endswith(".pcd"):
-        found = PointCloud.from_path(path)
-        place = found.numpy(("x", "y", "z")).astype(float) + found.metadata.viewpoint[:3]
-        return place, "tree", found.numpy(("tree",))[:, 0]
-    if ending == ".xyz":
-        found = np.loadtxt(path, comments="//")
-        return found[:, :3], "tree", found[:, 4]
-    found, origin = ply_rows(path)
-    place = np.stack([found[axis] for axis in "xyz"], axis=1)
-    return place.astype(float) + origin, "tree", found["tree"]
-
-
-def ply_rows(path):
-    """Records of a PLY by its own header, and the origin that it tells."""
-    head, _, body = path.read_bytes().partition(b"end_header\n")
-    lines = [line.split() for line in head.decode("ascii").splitlines()]
-    kinds = {"double": "<f8", "float": "<f4", "uint": "<u4", "int": "<i4"}
-    kinds |= {"short": "<i2", "char": "i1", "uchar": "u1"}
-    kind = [(line[2], kinds[line[1]]) for line in lines if line[0] == "property"]
-    told = [line[2:5] for line in lines if line[:2] == ["comment", "origin"]]
-    origin = [float(word.strip(",")) for word in told[0]] if told else [0.0, 0.0, 0.0]
-    return np.frombuffer(body, kind), np.array(origin)
+    return drawn_cloud()
 
 
 STEP = {".laz": 0.5e-4, ".las": 0.5e-4, ".copc.laz": 0.5e-4, ".xyz": 0.5e-4, ".e57": 1e-4}  # metres
@@ -109,7 +61,8 @@ def test_points_come_back_where_they_are_on_the_map(cloud, tmp_path, ending):
         assert header.parse_crs().to_epsg() == 32632
         assert header.global_encoding.wkt
     if ending.endswith(".ply"):
-        found, origin = ply_rows(path)
+        found, origin, rest = ply_rows(path)
+        assert rest == 0
         assert found.dtype["x"] == ("<f8" if "double" in ending else "<f4")
         assert tuple(origin) == ((0.0, 0.0, 0.0) if "double" in ending else OFFSET)
         for name in set(POINT.names) - set("xyz"):

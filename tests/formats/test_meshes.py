@@ -397,16 +397,6 @@ def test_what_cannot_be_written_leaves_the_old_file(
     assert [p.name for p in tmp_path.iterdir()] == ["old.stl"]
 
 
-def test_a_tree_at_map_coordinates_in_single_precision_is_refused(tmp_path):
-    facets = stream(2, "far").random((50, 3, 3)) * [4, 4, 12]
-    far, near = np.array([432_100, 5_612_300, 120]), np.array([100, 200, 120])
-    write_stl(tmp_path / "a.stl", facets + far)
-    with pytest.raises(StlError, match=r"a\.stl lies at map .* steps of 0\.5: its shape is lost"):
-        read_stl(tmp_path / "a.stl")
-    write_stl(tmp_path / "b.stl", facets + near)
-    assert read_stl(tmp_path / "b.stl") == pytest.approx(facets + near, abs=1e-4)
-
-
 # -------------------------------------------------------------------------------------------- images
 # Rasters: what Pillow and tifffile write is read as they read it, at any depth, packed in any usual way.
 

@@ -130,6 +130,13 @@ def demo_forest() -> Scenario:
     yield from results(["forest"], 120)
 
 
+def show_boxes() -> None:
+    """Show each tree as a box: without a graphics card a frame of the demo forest takes seconds."""
+    for obj in bpy.data.objects:
+        if "forest_tree" in obj:
+            obj.display_type = "BOUNDS"
+
+
 def choose(obj: bpy.types.Object) -> None:
     """Select an object and nothing else."""
     for other in bpy.context.view_layer.objects:

@@ -29,6 +29,7 @@ from drive import (
     props,
     results,
     running,
+    show_boxes,
     turn,
     view,
     wait_for,
@@ -129,6 +130,7 @@ def scenario(steps: Steps) -> Scenario:
     steps.step("a scan is under way, the view can be turned")
     scanner = bpy.data.objects["tripod"].forest_sensor.terrestrial
     scanner.angle_step_deg = 0.05  # long enough to be stopped on any machine
+    show_boxes()
     still = yield from turn(1)
     press("forest.run", sensor="tripod", sure=True)
     yield 0.5

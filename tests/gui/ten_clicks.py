@@ -21,6 +21,7 @@ from drive import (
     scroll,
     seek,
     settle,
+    show_boxes,
     view,
     wait_for,
 )
@@ -71,6 +72,7 @@ def scenario(steps: Steps) -> Scenario:
     yield from press(place, lambda: "forest" in results() and idle(), 180, "the forest")
 
     steps.step("Run All")
+    show_boxes()
     place = yield from find_button("forest.run(frames=", 0.65)
     wanted = {"forest", "tractor", "tripod", "bat", "clap"}
     yield from press(place, lambda: results() == wanted and idle(), 400, "what the sensors find")

@@ -166,7 +166,8 @@ def test_a_worker_that_is_short_of_memory_makes_the_same_tile_in_parts(tmp_path)
 
 
 @pytest.mark.slow
-def test_a_sample_of_all_tiles_tells_the_whole(field, empty_blender, capsys):
+def test_a_sample_of_all_tiles_tells_the_whole(field, empty_blender, capsys, warm, monkeypatch):
+    warm.lend(monkeypatch)
     words = ["--sample", "100%", "--workers", "1", "--quiet", "--json"]
     assert main(["tiles", str(field), *words]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -117,8 +117,9 @@ def inputs(tmp_path_factory):
 
 
 @pytest.fixture
-def run(headless, inputs, tmp_path, monkeypatch, quick):
+def run(headless, inputs, tmp_path, monkeypatch, quick, warm):
     """Runs a command on copies of its inputs, with words after its own."""
+    warm.lend(monkeypatch)
     here = tmp_path / "here"
     shutil.copytree(inputs, here)
     monkeypatch.chdir(here)

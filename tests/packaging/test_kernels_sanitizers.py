@@ -53,7 +53,7 @@ def under(tmp_path):
             "-fno-sanitize-recover=all",
             f"-I{builder.ROOM}",
         ]
-        subprocess.run(builder.compilation(gcc, sources, library), check=True)
+        subprocess.run([*builder.compilation(gcc, sources, library), "-O1"], check=True)
         name = ["gcc", f"-print-file-name={PRELOADED[sanitizer]}"]
         found = subprocess.run(name, capture_output=True, text=True, check=True).stdout.strip()
         if not os.path.isabs(found):

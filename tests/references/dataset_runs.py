@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from headless.cli import main
 from headless.dataset import engine, estimate
 
@@ -53,15 +55,17 @@ class Warm:
     def renew(self):
         self.worker.end()
 
+    def lend(self, patch):
+        """Have commands of this process make their scenes by this worker."""
+        patch.setattr(engine, "Worker", lambda: self)
+        patch.setattr(estimate, "Worker", lambda threads: _Lent(self.worker))
+
     def run(self, *words):
         """The command in this process, its scenes made by this worker."""
-        said, before = io.StringIO(), (engine.Worker, estimate.Worker)
-        engine.Worker, estimate.Worker = lambda: self, lambda threads: _Lent(self.worker)
-        try:
-            with contextlib.redirect_stderr(said):
-                code = main(command(*words)[3:])
-        finally:
-            engine.Worker, estimate.Worker = before
+        said = io.StringIO()
+        with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(said):
+            self.lend(patch)
+            code = main(command(*words)[3:])
         return subprocess.CompletedProcess(words, code, "", said.getvalue())
 
 

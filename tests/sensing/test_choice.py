@@ -91,7 +91,7 @@ def test_only_what_can_be_chosen_may_be_left_to_it(table, words):
 @pytest.mark.slow
 def test_a_chosen_reverb_keeps_its_bound():
     rng = stream(3, "choice")
-    place = rng.uniform(-60, 60, (3000, 2))
+    place = rng.uniform(-40, 40, (1000, 2))
     place = place[np.linalg.norm(place, axis=1) > 3]
     trunks = Trunks(place, np.exp(rng.uniform(-4, -1, len(place))), np.arange(len(place)))
     clap = Reverb(source=(0, 0, 1.5), receiver=(2, 0, 1.5), sample_rate=8000, duration=0.3)
@@ -190,7 +190,7 @@ def same_wood(some, full):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("species", ["honda-birch", "hazelnut", "silver-birch"])
+@pytest.mark.parametrize("species", ["honda-birch", "silver-birch"])
 def test_where_no_sensor_meets_a_leaf_none_grows_and_no_branch_moves(species):
     full, some, chosen = grown(scene(Reverb(), species=species))
     assert not any(len(tree.leaves) for tree in some.variants.values())

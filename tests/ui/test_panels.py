@@ -34,8 +34,9 @@ from forest_addon.ui.forest import hand
 from forest_addon.ui.forest import panels as forest_panels
 from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.sensors import panels as sensor_panels
-from forest_addon.ui.sensors.panels import FOREST_PT_sensor_data
-from forest_addon.ui.sensors.run import MENUS, FOREST_MT_forest, draw_menu
+from forest_addon.ui.sensors.panels import _sensor_data
+from forest_addon.ui.sensors.run import MENUS, draw_menu
+from forest_addon.ui.sensors.run import forest as run_forest
 from forest_addon.ui.settings import drawing, exchange, references
 from forest_addon.ui.settings.groups import fields_of
 from forest_addon.ui.shell import running
@@ -213,7 +214,7 @@ def test_a_reverb_is_not_a_wall_of_fields(small):
 def test_growing_and_running_are_found_by_a_search(props):
     """Blender's search looks through the menus of the view."""
     seen = []
-    FOREST_MT_forest.draw(SimpleNamespace(layout=Layout(seen)), bpy.context)
+    run_forest.draw(SimpleNamespace(layout=Layout(seen)), bpy.context)
     assert {"Grow Forest", "Run Sensor", "Run Frame Range"} <= set(seen)
     assert any(menu == "VIEW3D_MT_object" and draw is draw_menu for menu, draw in MENUS)
 
@@ -622,7 +623,7 @@ def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job, mon
     obj = bpy.data.objects["cloud"]
     place = SimpleNamespace(object=obj, scene=bpy.context.scene)
     seen = []
-    FOREST_PT_sensor_data.draw(SimpleNamespace(layout=Bars(seen)), place)
+    _sensor_data.draw(SimpleNamespace(layout=Bars(seen)), place)
     assert "[50%] cloud 50%" in seen
     shown = []
     workspace = SimpleNamespace(status_text_set=shown.append)

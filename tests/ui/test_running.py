@@ -49,31 +49,6 @@ def test_a_missing_package_is_named(small, name, monkeypatch):
         press(name)
 
 
-@pytest.mark.slow
-def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
-    """Whatever the window shows meanwhile: points, figures and forest belong where the button was pressed."""
-    first, second = bpy.context.scene, bpy.data.scenes.new("Second")
-    for name, expected in (("build", ["forest"]), ("run", ["cloud", "forest"])):
-        begun, kind = bpy.context, {"build": build.FOREST_OT_build, "run": FOREST_OT_run}[name]
-        button = SimpleNamespace(sensor="cloud", frames="THIS", keep=False, again=False)
-        for method in ("_look", "_sense", "_apart", "_problems", "_told"):
-            setattr(button, method, partial(getattr(FOREST_OT_run, method), button))
-        work = kind.work(button, begun)
-        button._job = Job(name, work)
-        modal = SimpleNamespace(
-            _job=button._job, _begun_in=(begun.scene, begun.view_layer.name), _shown="",
-            _leave=lambda _: None, report=lambda *_: None,
-        )  # fmt: skip
-        tick, answer = SimpleNamespace(type="TIMER", value="NOTHING"), {"RUNNING_MODAL"}
-        while answer == {"RUNNING_MODAL"}:
-            answer = running.Working.modal(modal, bpy.context, tick)
-            bpy.context.window.scene = second
-        assert answer == {"FINISHED"}
-        assert sorted(first.forest_sensing.results.keys()) == expected
-        assert len(second.forest_sensing.results) == len(second.objects) == 0
-        bpy.context.window.scene = first
-
-
 @pytest.mark.medium
 def test_a_job_whose_scene_is_removed_says_so(built):
     scene, said = bpy.data.scenes.new("Second"), []
@@ -136,6 +111,25 @@ class Pressed:
 
 
 @pytest.mark.slow
+def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
+    """Whatever the window shows meanwhile: points, figures and forest belong where the button was pressed."""
+    first, second = bpy.context.scene, bpy.data.scenes.new("Second")
+
+    def looks_elsewhere():
+        bpy.context.window.scene = second
+
+    for kind, expected in (
+        (build.FOREST_OT_build, ["forest"]),
+        (FOREST_OT_run, ["cloud", "forest"]),
+    ):
+        button = Pressed(kind, sensor="cloud", frames="THIS", keep=False, again=False, area=None)
+        assert button.until(looks_elsewhere) == {"FINISHED"}
+        assert sorted(first.forest_sensing.results.keys()) == expected
+        assert len(second.forest_sensing.results) == len(second.objects) == 0
+        bpy.context.window.scene = first
+
+
+@pytest.mark.slow
 def test_escape_says_what_stays_and_leaves_a_step_to_undo(built):
     """Sensors that had finished are kept: Blender is told of a change, the user of which."""
     button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False, again=False)
@@ -175,8 +169,13 @@ def starts_a_job(cls):
     """Whether an operator computes in the background, or calls one that does."""
     if issubclass(cls, running.Working):
         return True
-    tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-    named = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    trees = [
+        ast.parse(textwrap.dedent(inspect.getsource(each)))
+        for each in vars(cls).values()
+        if inspect.isfunction(each)
+    ]
+    nodes = (node for tree in trees for node in ast.walk(tree))
+    named = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
     jobs = {f"bpy.ops.{c.bl_idname}" for c in of_ours() if issubclass(c, running.Working)}
     return bool(named & {*jobs, "bpy.ops.wm.read_homefile"})
 
@@ -253,19 +252,13 @@ def unregistered(registered):
 
 def test_unregistering_leaves_nothing(unregistered):
     assert ours() == set()
-    ui.register()
-    assert {"Scene.forest_sensing", "FOREST_PT_forest", "FOREST_PG_scene"} <= ours()
-    assert hasattr(bpy.context.scene, "forest_sensing")
-    ui.unregister()
-    assert ours() == set()
-    assert not hasattr(bpy.context.scene, "forest_sensing")
-
-
-def test_again_and_again(unregistered):
-    for _ in range(3):
+    for _ in range(2):
         ui.register()
+        assert {"Scene.forest_sensing", "FOREST_PT_forest", "FOREST_PG_scene"} <= ours()
+        assert hasattr(bpy.context.scene, "forest_sensing")
         ui.unregister()
-    assert ours() == set()
+        assert ours() == set()
+        assert not hasattr(bpy.context.scene, "forest_sensing")
 
 
 def test_registering_twice_is_refused_and_changes_nothing(registered):

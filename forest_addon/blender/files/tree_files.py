@@ -98,8 +98,7 @@ def _apart() -> Iterator[bpy.types.Scene]:
     """A scene for a while, current to what is called within; then all new data is removed."""
     before = {data.session_uid for data in _everything()}
     window, current = bpy.context.window, bpy.context.scene
-    mode = bpy.context.mode
-    if mode != "OBJECT":
+    if bpy.context.mode != "OBJECT":
         raise SpecError("template", "a file cannot be read in this mode; go to Object Mode first")
     scene = bpy.data.scenes.new("tree file")
     try:

@@ -78,7 +78,21 @@ def load() -> ctypes.CDLL:
     for place in _places():
         try:
             library = ctypes.CDLL(place)
-            _type(library)
+            for name, (result, arguments) in SIGNATURES.items():
+                function = getattr(library, name)
+                function.restype, function.argtypes = result, arguments
+            device = library.rtcNewDevice(b"")
+            if not device:
+                raise EmbreeError("it gives no device")
+            version = library.rtcGetDeviceProperty(device, VERSION_PROPERTY)
+            arrays = library.rtcNewGeometry(device, INSTANCES)
+            if arrays:
+                library.rtcReleaseGeometry(arrays)
+            library.rtcReleaseDevice(device)
+            if version // 10_000 != 4:
+                raise EmbreeError(f"it is version {version // 10_000}, not 4")
+            if not arrays:
+                raise EmbreeError("it was built without arrays of instances")
             return library
         except (OSError, AttributeError, EmbreeError) as problem:
             tried.append(f"{place}: {problem}")
@@ -96,24 +110,6 @@ def _places() -> Iterator[str]:
                 files |= dict.fromkeys(str(path) for path in sorted((root / folder).glob(pattern)))
     yield from files
     yield from SYSTEM.get(sys.platform, ("libembree4.so.4", "libembree4.so"))
-
-
-def _type(library: ctypes.CDLL) -> None:
-    for name, (result, arguments) in SIGNATURES.items():
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
-    device = library.rtcNewDevice(b"")
-    if not device:
-        raise EmbreeError("it gives no device")
-    version = library.rtcGetDeviceProperty(device, VERSION_PROPERTY)
-    arrays = library.rtcNewGeometry(device, INSTANCES)
-    if arrays:
-        library.rtcReleaseGeometry(arrays)
-    library.rtcReleaseDevice(device)
-    if version // 10_000 != 4:
-        raise EmbreeError(f"it is version {version // 10_000}, not 4")
-    if not arrays:
-        raise EmbreeError("it was built without arrays of instances")
 
 
 # Numbers of RTCRayHit, of four bytes each; before them origin 0-2, direction 4-6.

@@ -335,8 +335,7 @@ class EmbreeMotion:
         if index in self._still._of_mesh:
             return self._still._of_mesh[index]
         if index not in self._trees:
-            mesh = self._moving.scene.meshes[index]
-            self._trees[index] = self._holder.mesh(mesh)
+            self._trees[index] = self._holder.mesh(self._moving.scene.meshes[index])
         return self._trees[index]
 
     def _pieces_at(self, window: PieceWindow) -> tuple[int, np.ndarray, EmbreeBuild]:

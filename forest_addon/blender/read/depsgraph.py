@@ -217,7 +217,15 @@ class _Found:
             for k, (column, kind, shape) in enumerate(zip(columns, kinds, shapes, strict=True))
         )
         if any(self._assets):
-            tree, species = self._number_trees(index, name, tree, species)
+            kinds = [asset.partition("#")[0] for asset in self._assets]
+            number = {kind: k for k, kind in enumerate(sorted(set(kinds) - {""}))}
+            of_mesh = np.array([number.get(kind, -1) for kind in kinds], dtype=np.int64)
+            ours = of_mesh[index] >= 0
+            new = np.flatnonzero(ours & (tree < 0))
+            by_name = np.argsort(np.array(list(self._names))[name[new]], kind="stable")
+            tree[new[by_name]] = tree.max(initial=-1) + 1 + np.arange(len(new))
+            new = np.flatnonzero(ours & (species < 0))
+            species[new] = species.max(initial=-1) + 1 + of_mesh[index[new]]
         return SceneGeometry(
             meshes=tuple(self._meshes),
             transform=transform,
@@ -235,21 +243,6 @@ class _Found:
             if any(np.isfinite(slots).any() for slots in self._slot_optics)
             else (),
         )
-
-    def _number_trees(
-        self, mesh: np.ndarray, name: np.ndarray, tree: np.ndarray, species: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of trees and species, with those of trees from libraries that nobody numbered."""
-        kinds = [asset.partition("#")[0] for asset in self._assets]
-        number = {kind: k for k, kind in enumerate(sorted(set(kinds) - {""}))}
-        of_mesh = np.array([number.get(kind, -1) for kind in kinds], dtype=np.int64)
-        ours = of_mesh[mesh] >= 0
-        new = np.flatnonzero(ours & (tree < 0))
-        by_name = np.argsort(np.array(list(self._names))[name[new]], kind="stable")
-        tree[new[by_name]] = tree.max(initial=-1) + 1 + np.arange(len(new))
-        new = np.flatnonzero(ours & (species < 0))
-        species[new] = species.max(initial=-1) + 1 + of_mesh[mesh[new]]
-        return tree, species
 
     def _number(self, mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> int:
         """Number of this among the unique meshes, -1 for one without faces."""

@@ -213,38 +213,26 @@ def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -
             half = 0.55 * max(truth["crown_width_m"], 0.3 * truth["height_m"])
             x += half if variant else 0.0
             path = f"{ROOT}/{_named().get(species.name) or _guess(species, truth['height_m'])}"
-            made.add(_asset(species.name, exhibit, variant, x, path, coats))
+            name = f"{species.name.replace('-', ' ').capitalize()} {variant + 1}"
+            mesh = to_mesh(name, exhibit.tree.mesh)
+            for coat in coats:
+                mesh.materials.append(coat)
+            digest = fingerprint(exhibit.tree.mesh)
+            write_truth(mesh, f"{species.name}#{variant + 1} {digest}", species.name, exhibit.tree)
+            obj = bpy.data.objects.new(name, mesh)
+            home = bpy.data.collections.new(name)
+            home.objects.link(obj)
+            obj.location.x = home.instance_offset[0] = x
+            tags = ("tree", species.name, path.rpartition("/")[2].lower())
+            mark_asset(home, describe(species.name, exhibit.truth), tags, exhibit.picture)
+            home.asset_data.catalog_id = catalog_id(path)
+            made.add(home)
             x += half
             paths.add(path)
         with replacing(file) as partial:
             bpy.data.libraries.write(os.fspath(partial), made, fake_user=True, compress=True)
     add_catalogs(folder, paths)
     return file
-
-
-def _asset(
-    species: str,
-    exhibit: Exhibit,
-    variant: int,
-    x: float,
-    path: str,
-    coats: Sequence[bpy.types.Material],
-) -> bpy.types.Collection:
-    """A collection with one tree, marked as an asset."""
-    name = f"{species.replace('-', ' ').capitalize()} {variant + 1}"
-    mesh = to_mesh(name, exhibit.tree.mesh)
-    for coat in coats:
-        mesh.materials.append(coat)
-    digest = fingerprint(exhibit.tree.mesh)
-    write_truth(mesh, f"{species}#{variant + 1} {digest}", species, exhibit.tree)
-    obj = bpy.data.objects.new(name, mesh)
-    home = bpy.data.collections.new(name)
-    home.objects.link(obj)
-    obj.location.x = home.instance_offset[0] = x
-    tags = ("tree", species, path.rpartition("/")[2].lower())
-    mark_asset(home, describe(species, exhibit.truth), tags, exhibit.picture)
-    home.asset_data.catalog_id = catalog_id(path)
-    return home
 
 
 def describe(species: str, truth: dict[str, float]) -> str:

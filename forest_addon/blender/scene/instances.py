@@ -137,8 +137,7 @@ def _of_geometry(geometry: Any, source: bpy.types.Object | None) -> list[Standin
         if not len(rows):
             continue
         for inner in _of_reference(reference):
-            copies = len(inner.transform)
-            outer = np.repeat(rows, copies)
+            outer = np.repeat(rows, len(inner.transform))
             trees.append(
                 Standing(
                     mesh=inner.mesh,
@@ -305,8 +304,7 @@ def evaluated_transforms(
             placed = read_points(obj.evaluated_get(layer.depsgraph))
     finally:
         bpy.data.scenes.remove(scene)
-    order = np.argsort(placed.tree)
-    return placed.transform[order]
+    return placed.transform[np.argsort(placed.tree)]
 
 
 STOOD_KEY = "forest_stood"  # of a tree: x, y, rotation, scale, variant, diameter; of a collection: x, y, ...

@@ -442,7 +442,10 @@ def _tones(name: str, colour: Colour) -> tuple[Colour, Colour]:
     """The dark and the light tone of bark or leaves."""
     if name == BARK_TONES:
         return _scaled(colour, 0.45), _scaled(colour, 1.6)
-    return _scaled(colour, 0.55), _towards(_scaled(colour, 1.5), (0.30, 0.30, 0.02), 0.25)
+    a = _scaled(colour, 1.5)
+    b = (0.30, 0.30, 0.02)
+    r, g, z = (x + 0.25 * (y - x) for x, y in zip(a, b, strict=True))
+    return _scaled(colour, 0.55), (r, g, z)
 
 
 def _principled(
@@ -460,8 +463,3 @@ def _principled(
 def _scaled(colour: Colour, factor: float) -> Colour:
     r, g, b = (min(1.0, channel * factor) for channel in colour)
     return r, g, b
-
-
-def _towards(a: Colour, b: Colour, share: float) -> Colour:
-    r, g, z = (x + share * (y - x) for x, y in zip(a, b, strict=True))
-    return r, g, z

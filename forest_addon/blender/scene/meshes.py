@@ -163,7 +163,24 @@ def write_truth(mesh: bpy.types.Mesh, asset: str, species: str, tree: Tree) -> N
     mesh[ASSET_KEY], mesh[SPECIES], mesh[GRAFTED] = asset, species, tree.grafted
     for key, value in tree_truth(tree).items():
         mesh[key] = value
-    mesh[WOOD] = _skeleton_mesh(f"{mesh.name} skeleton", tree.skeleton)
+    data = bpy.data.meshes.new(f"{mesh.name} skeleton")
+    count = len(tree.skeleton)
+    data.vertices.add(2 * count)
+    data.edges.add(count)
+    ends = np.stack([tree.skeleton.start, tree.skeleton.end], axis=1).reshape(-1, 3)
+    if count:
+        write(data, "position", ends, "FLOAT_VECTOR")
+        data.edges.foreach_set("vertices", np.arange(2 * count, dtype=np.int32))
+    _put(data, "POINT", "radius", tree.skeleton.radius.ravel())
+    for column in OF_SEGMENTS:
+        _put(
+            data,
+            "EDGE",
+            column,
+            tree.skeleton.is_dead if column == "dead" else getattr(tree.skeleton, column),
+        )
+    data.update()
+    mesh[WOOD] = data
     data = bpy.data.meshes.new(f"{mesh.name} leaves")
     data.vertices.add(len(tree.leaves))
     if len(tree.leaves):
@@ -229,22 +246,6 @@ def placed_trees(scene: SceneGeometry) -> PlacedTrees:
         species=scene.species[rows],
         object_name=tuple(scene.object_name[k] for k in scene.object_index[rows].tolist()),
     )
-
-
-def _skeleton_mesh(name: str, wood: Skeleton) -> bpy.types.Mesh:
-    data = bpy.data.meshes.new(name)
-    count = len(wood)
-    data.vertices.add(2 * count)
-    data.edges.add(count)
-    ends = np.stack([wood.start, wood.end], axis=1).reshape(-1, 3)
-    if count:
-        write(data, "position", ends, "FLOAT_VECTOR")
-        data.edges.foreach_set("vertices", np.arange(2 * count, dtype=np.int32))
-    _put(data, "POINT", "radius", wood.radius.ravel())
-    for column in OF_SEGMENTS:
-        _put(data, "EDGE", column, wood.is_dead if column == "dead" else getattr(wood, column))
-    data.update()
-    return data
 
 
 def _put(data: bpy.types.Mesh, domain: str, column: str, values: np.ndarray) -> None:

@@ -211,7 +211,7 @@ class Graph:
         return edge, self.value("SeparateColor", own)
 
     def step(self, value: Value, low: float, high: float) -> Value:
-        """From 0 at ``low`` to 1 at ``high``, smoothly; ``low`` may be the larger."""
+        """A smooth step from 0 at ``low`` to 1 at ``high``; ``low`` may be the larger."""
         return self.value("MapRange", value, low, high, interpolation_type="SMOOTHSTEP")
 
     def mix(self, share: Value, one: Value, other: Value, how: str = "MIX") -> Value:

@@ -206,7 +206,17 @@ def put(
     variants = {t.data for role, t in standing.things.items() if role.startswith(VARIANTS)}
     _clear(homes, set(kept.values()))
     _send_home(kept, wanted, home_of, homes)
-    _dissolve(set(groves(scene)) - set(home_of.values()), part(scene, TREES))
+    unwanted = set(groves(scene)) - set(home_of.values())
+    heir = part(scene, TREES)
+    for home in unwanted:
+        if not is_ours(home):
+            continue
+        for mine, others in ((heir.objects, home.objects), (heir.children, home.children)):
+            known = set(mine)
+            for block in others:
+                if block not in known and block not in unwanted:
+                    mine.link(block)
+        bpy.data.collections.remove(home)
     things, given = {}, []
     for want in wanted:
         obj = kept.get(want.role)
@@ -272,19 +282,6 @@ def _send_home(
             home.objects.link(obj)
         for other in astray:
             other.objects.unlink(obj)
-
-
-def _dissolve(unwanted: set[bpy.types.Collection], heir: bpy.types.Collection) -> None:
-    """Remove collections of ours; what others put there goes into another. Renamed ones stay."""
-    for home in unwanted:
-        if not is_ours(home):
-            continue
-        for mine, others in ((heir.objects, home.objects), (heir.children, home.children)):
-            known = set(mine)
-            for block in others:
-                if block not in known and block not in unwanted:
-                    mine.link(block)
-        bpy.data.collections.remove(home)
 
 
 def _tell(obj: bpy.types.Object, want: WantedObject) -> None:

@@ -112,7 +112,7 @@ class Forecast(SceneFollower):
         return np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
 
     def motion(self, name: str, count: int | None = None) -> Trajectory:
-        """As many poses as an object has."""
+        """Poses of an object, ``count`` or as many as it has."""
         self._thing(name)
         first, last, rate = self._range
         frames = np.linspace(first, last, count or last - first + 1)
@@ -205,8 +205,7 @@ def read_motion(
             pairs = zip(samples[:-1], between, strict=True)
             samples = [*(one for pair in pairs for one in pair), samples[-1]]
             tracks = _tracks(scene, now, frames / rate, samples)
-            full = sum(sample.nbytes for sample in samples) > MOST_BYTES
-            if full:
+            if sum(sample.nbytes for sample in samples) > MOST_BYTES:
                 break
             if off < WITHIN and bent < BENT and not tracks.breaks(steps):
                 off, bent = _probed(scene, now, frames / rate, samples, reader, rate)

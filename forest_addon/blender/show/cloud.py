@@ -127,8 +127,7 @@ def _in_words(values: np.ndarray) -> list[str]:
     """Numbers as one writes those of a scale: all to the digit that tells neighbours apart, none as -0."""
     step = float(np.ptp(values)) / (len(values) - 1)
     digits = int(np.clip(1 - np.floor(np.log10(step)), 0, 12))
-    rounded = np.round(values, digits) + 0.0
-    return [f"{value:,.{digits}f}" for value in rounded]
+    return [f"{value:,.{digits}f}" for value in (np.round(values, digits) + 0.0)]
 
 
 def of_organs(organ: np.ndarray) -> np.ndarray:

@@ -122,7 +122,19 @@ def _make(
     )
     graph.tree[GROUP_KEY] = f"{kind} {VERSION}"
     given = graph.given
-    colour = _colour(graph, first, numbers, measures)
+    names = (*numbers, *measures)
+    number = _choice(graph, COLOUR_BY, "INT", dict(enumerate([first, *map(title_of, names)])))
+    value = _picked(graph, number, [0.0, *(_measure(graph, name) for name in names)])
+    how = {"data_type": "FLOAT", "operation": "LESS_THAN", "label": "Has a hue"}
+    hued = graph.value("Compare", number, len(numbers) + 0.5, **how)
+    hue = graph.math("FRACT", graph.math("MULTIPLY", value, GOLDEN, label="Far apart"))
+    vivid = graph.math("MULTIPLY", graph.math("GREATER_THAN", value, -0.5), VIVID)  # -1: none, grey
+    told = {"mode": "HSV", "label": "Hue as a colour"}
+    own = graph.value("FunctionNodeCombineColor", hue, vivid, VALUE, **told)
+    by_value = graph.switch("RGBA", hued, _on_scale(graph, value), own)
+    how |= {"operation": "GREATER_THAN", "label": "Is a value"}
+    other = graph.value("Compare", number, 0.5, **how)
+    colour = graph.switch("RGBA", other, graph.named("organ_colour", "FLOAT_COLOR"), by_value)
     radius = given[RADIUS]
     if kind == "heard":
         level = graph.named("level")
@@ -139,23 +151,6 @@ def _make(
     for menu, choice in menus.items():  # known only once they are linked
         graph.sockets[menu].default_value = choice
     return graph.tree
-
-
-def _colour(graph: Graph, first: str, numbers: Sequence[str], measures: Sequence[str]) -> Value:
-    """The colour of each point: what it brings along, a hue, or a place on a scale."""
-    names = (*numbers, *measures)
-    number = _choice(graph, COLOUR_BY, "INT", dict(enumerate([first, *map(title_of, names)])))
-    value = _picked(graph, number, [0.0, *(_measure(graph, name) for name in names)])
-    how = {"data_type": "FLOAT", "operation": "LESS_THAN", "label": "Has a hue"}
-    hued = graph.value("Compare", number, len(numbers) + 0.5, **how)
-    hue = graph.math("FRACT", graph.math("MULTIPLY", value, GOLDEN, label="Far apart"))
-    vivid = graph.math("MULTIPLY", graph.math("GREATER_THAN", value, -0.5), VIVID)  # -1: none, grey
-    told = {"mode": "HSV", "label": "Hue as a colour"}
-    own = graph.value("FunctionNodeCombineColor", hue, vivid, VALUE, **told)
-    by_value = graph.switch("RGBA", hued, _on_scale(graph, value), own)
-    how |= {"operation": "GREATER_THAN", "label": "Is a value"}
-    other = graph.value("Compare", number, 0.5, **how)
-    return graph.switch("RGBA", other, graph.named("organ_colour", "FLOAT_COLOR"), by_value)
 
 
 def _shown(graph: Graph) -> Value:

@@ -73,7 +73,16 @@ def set_stage(
     golden : the sun stands as low as an hour before it sets.
     """
     scene.render.resolution_x, scene.render.resolution_y = size
-    corners = _tree_corners(scene)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    boxes = []
+    for obj in objects_in(part(scene, TREES)):
+        placed = read_points(obj.evaluated_get(depsgraph))
+        for number, source in enumerate(placed.source):
+            boxes.append(_corners(placed.transform[placed.index == number], source))
+        if not len(placed):
+            boxes.append(_corners(np.array(obj.matrix_world)[None, :3], obj))
+    bare = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
+    corners = np.concatenate(boxes) if boxes else bare
     if field is None:
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
         middle[2] = 0.47 * corners[:, 2].max()
@@ -83,7 +92,25 @@ def set_stage(
         ground = [(*(low + extent * (x, y)), 0.0) for x in (0, 1) for y in (0, 1)]
         corners = np.concatenate([corners, ground])
         _point_camera(scene, corners, corners.mean(axis=0), FROM_ABOVE, WHOLE)
-    _light(scene, golden)
+    high, energy, colour = (75, 7.5, (1.0, 0.74, 0.42)) if golden else (50, 6.5, (1.0, 0.88, 0.70))
+    _replace(scene, _sun(SUN, energy, 0.6, colour, (high, 0, -75)))
+    if golden:
+        scene.view_settings.view_transform = "AgX"
+        scene.view_settings.look = "AgX - Medium High Contrast"
+        scene.view_settings.exposure = EVENING
+
+    world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
+    graph = Graph(tree_of(world))
+    graph.tree.nodes.clear()
+    # A gradient from haze at the horizon to blue above; the same in every version of Blender.
+    colours = WARM if golden else HAZE, (0.16, 0.38, 0.78)
+    sky = graph.ramp(graph.axis(graph.place("Generated"), "Z"), colours, 0.0, 0.30)
+    graph.add("OutputWorld", {"Surface": graph.value("Background", sky, 1.1)})
+    if hasattr(
+        world, "cycles"
+    ):  # a smooth sky is found by chance: aiming at it takes four times as long
+        world.cycles.sampling_method = "NONE"
+    scene.world = world
 
 
 def lay_lawn(scene: bpy.types.Scene, height: float) -> None:
@@ -146,20 +173,6 @@ def render(
         scene.render.filepath = ""
 
 
-def _tree_corners(scene: bpy.types.Scene) -> np.ndarray:
-    """(P, 3) corners of the bounding boxes of all trees; a small field where there is none."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    corners = []
-    for obj in objects_in(part(scene, TREES)):
-        placed = read_points(obj.evaluated_get(depsgraph))
-        for number, source in enumerate(placed.source):
-            corners.append(_corners(placed.transform[placed.index == number], source))
-        if not len(placed):
-            corners.append(_corners(np.array(obj.matrix_world)[None, :3], obj))
-    bare = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
-    return np.concatenate(corners) if corners else bare
-
-
 def _corners(transform: np.ndarray, obj: bpy.types.Object) -> np.ndarray:
     """(8 N, 3) corners of an object's bounding box where it stands N times (N, 3, 4)."""
     box = np.column_stack([np.array(obj.bound_box), np.ones(8)])
@@ -204,28 +217,6 @@ def _sun(
     sun = bpy.data.objects.new(name, data)
     sun.rotation_euler = [math.radians(degrees) for degrees in turn]
     return sun
-
-
-def _light(scene: bpy.types.Scene, golden: bool) -> None:
-    high, energy, colour = (75, 7.5, (1.0, 0.74, 0.42)) if golden else (50, 6.5, (1.0, 0.88, 0.70))
-    _replace(scene, _sun(SUN, energy, 0.6, colour, (high, 0, -75)))
-    if golden:
-        scene.view_settings.view_transform = "AgX"
-        scene.view_settings.look = "AgX - Medium High Contrast"
-        scene.view_settings.exposure = EVENING
-
-    world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
-    graph = Graph(tree_of(world))
-    graph.tree.nodes.clear()
-    # A gradient from haze at the horizon to blue above; the same in every version of Blender.
-    colours = WARM if golden else HAZE, (0.16, 0.38, 0.78)
-    sky = graph.ramp(graph.axis(graph.place("Generated"), "Z"), colours, 0.0, 0.30)
-    graph.add("OutputWorld", {"Surface": graph.value("Background", sky, 1.1)})
-    if hasattr(
-        world, "cycles"
-    ):  # a smooth sky is found by chance: aiming at it takes four times as long
-        world.cycles.sampling_method = "NONE"
-    scene.world = world
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -310,8 +301,7 @@ def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarr
     corner = np.arange(CORNERS)
     after = (corner + 1) % CORNERS
     faces = np.stack([corner, after, CORNERS + after, CORNERS + corner], axis=1)
-    top = np.column_stack([around, ridge])
-    return np.concatenate([foot, top]), faces
+    return np.concatenate([foot, np.column_stack([around, ridge])]), faces
 
 
 NAME = "Forest undergrowth"
@@ -544,8 +534,7 @@ def render_sheet(
     sky.inputs["Strength"].default_value = 0.8
     scene.render.film_transparent = True
     scene.render.image_settings.color_mode = "RGBA"
-    output = spec.Output(preview_samples=samples)
-    render(scene, output, path, progress)
+    render(scene, spec.Output(preview_samples=samples), path, progress)
     return cells
 
 
@@ -642,21 +631,6 @@ def render_closeup(
     data.from_pydata(corners, [], [(0, 1, 2, 3)])
     data.materials.append(materials.ground("Close-up ground"))
     scene.collection.objects.link(bpy.data.objects.new("Close-up ground", data))
-    _stand_behind(scene, mesh, view)
-    way = view.target - view.eye
-    grow_around(scene, view.eye[:2], math.atan2(way[1], way[0]), lambda place: np.zeros(len(place)))
-    camera, data = scene.camera, scene.camera.data
-    camera.location = view.eye
-    camera.rotation_euler = Vector(view.target - view.eye).to_track_quat("-Z", "Y").to_euler()
-    data.lens, data.clip_start = view.lens, 0.02
-    data.dof.use_dof, data.dof.aperture_fstop = True, view.stop
-    data.dof.focus_distance = float(np.linalg.norm(view.target - view.eye))
-    scene.objects[SUN].rotation_euler = Vector(view.sun).to_track_quat("Z", "Y").to_euler()
-    render(scene, spec.Output(preview_samples=samples), path, progress, exposure=1.0)
-
-
-def _stand_behind(scene: bpy.types.Scene, mesh: bpy.types.Mesh, view: View) -> None:
-    """More trees of the same mesh in what the eye sees beyond its target."""
     rng = stream(3, "closeup")
     way = view.target - view.eye
     turn = math.atan2(way[1], way[0]) + rng.uniform(-0.7, 0.7, BEHIND)
@@ -670,6 +644,16 @@ def _stand_behind(scene: bpy.types.Scene, mesh: bpy.types.Mesh, view: View) -> N
         obj.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
         obj.scale = (float(rng.uniform(0.85, 1.1)),) * 3
         scene.collection.objects.link(obj)
+    way = view.target - view.eye
+    grow_around(scene, view.eye[:2], math.atan2(way[1], way[0]), lambda place: np.zeros(len(place)))
+    camera, data = scene.camera, scene.camera.data
+    camera.location = view.eye
+    camera.rotation_euler = Vector(view.target - view.eye).to_track_quat("-Z", "Y").to_euler()
+    data.lens, data.clip_start = view.lens, 0.02
+    data.dof.use_dof, data.dof.aperture_fstop = True, view.stop
+    data.dof.focus_distance = float(np.linalg.norm(view.target - view.eye))
+    scene.objects[SUN].rotation_euler = Vector(view.sun).to_track_quat("Z", "Y").to_euler()
+    render(scene, spec.Output(preview_samples=samples), path, progress, exposure=1.0)
 
 
 def _fork(species: spec.Species, tree: Tree) -> View:

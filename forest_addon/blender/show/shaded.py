@@ -67,8 +67,7 @@ def draw_scene(
         rng = stream(5, "preview", first)
         for _ in range(SAMPLES):
             x, y = pixels % wide + rng.random(len(pixels)), pixels // wide + rng.random(len(pixels))
-            directions = _directions(scene, x, y)
-            total[pixels] += filmic(light.seen(directions, rng))
+            total[pixels] += filmic(light.seen(_directions(scene, x, y), rng))
         progress(first + len(pixels), len(order))
     image = (total / SAMPLES).reshape(tall, wide, 3) ** (1 / 2.2)
     with replacing(path) as partial:

@@ -52,7 +52,20 @@ def show_flights(
         animate(obj, track, fps)
         flyers.append(obj)
         if len(track.position) > 1:
-            trail = bpy.data.objects.new(f"{label} trail", trail_mesh(f"{label} trail", track))
+            from scipy.spatial import cKDTree  # here: enabling the add-on does not wait for it
+
+            moved = np.append(True, np.linalg.norm(np.diff(track.position, axis=0), axis=1) > 1e-6)
+            place, near = track.position[moved], track.nearest[moved]
+            vertices, triangles = tube(place, np.full(len(place), THICK), 6)
+            data = bpy.data.meshes.new(f"{label} trail")
+            data.from_pydata(vertices.tolist(), [], triangles.tolist())
+            shade = colours(near)
+            of_vertex = cKDTree(place).query(vertices)[1]
+            write(data, COLOUR, shade[of_vertex], "FLOAT_COLOR")
+            data.materials.append(
+                bpy.data.materials.get(MATERIAL) or own(coloured(MATERIAL, COLOUR, 0.6))
+            )
+            trail = bpy.data.objects.new(f"{label} trail", data)
             trail[FLIGHT_KEY], trail[IGNORED_KEY] = label, True
             home.objects.link(trail)
         last = max(last, 1 + track.seconds * fps)
@@ -70,23 +83,6 @@ def animate(obj: bpy.types.Object, track: Any, fps: float) -> None:
         obj.location, obj.rotation_euler = place, (0.0, 0.0, turn)
         obj.keyframe_insert("location", frame=frame)
         obj.keyframe_insert("rotation_euler", index=2, frame=frame)
-
-
-def trail_mesh(name: str, track: Any) -> bpy.types.Mesh:
-    """A tube along a flight, with the colour of what was sensed at every vertex."""
-    from scipy.spatial import cKDTree  # here: enabling the add-on does not wait for it
-
-    moved = np.append(True, np.linalg.norm(np.diff(track.position, axis=0), axis=1) > 1e-6)
-    place, near = track.position[moved], track.nearest[moved]
-    sides = 6
-    vertices, triangles = tube(place, np.full(len(place), THICK), sides)
-    data = bpy.data.meshes.new(name)
-    data.from_pydata(vertices.tolist(), [], triangles.tolist())
-    shade = colours(near)
-    of_vertex = cKDTree(place).query(vertices)[1]
-    write(data, COLOUR, shade[of_vertex], "FLOAT_COLOR")
-    data.materials.append(bpy.data.materials.get(MATERIAL) or own(coloured(MATERIAL, COLOUR, 0.6)))
-    return data
 
 
 def colours(nearest: np.ndarray) -> np.ndarray:

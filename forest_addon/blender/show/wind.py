@@ -147,8 +147,7 @@ def pieces_of(
     assert rig is not None
     cut = split_pieces(mesh, sway.pieces(row, mesh))
     parts = [(which, mesh.select(rows)) for which, rows in cut]
-    before = len(home.objects)
-    for place, (_, part) in enumerate(parts, before):
+    for place, (_, part) in enumerate(parts, len(home.objects)):
         shape = to_mesh(f"{home.name} {place:06d}", part)
         for coat in coats:
             shape.materials.append(coat)
@@ -430,8 +429,7 @@ def _many(key: str) -> bpy.types.NodeTree:
     trees = graph.value("InstancesToPoints", trees)
     for number, three in enumerate(_amplitudes(graph)):
         trees = graph.store(trees, f"{AMPLITUDES} {number}", "FLOAT_VECTOR", three)
-    pieces = _pieces(graph, trees, light)
-    joined = graph.add("JoinGeometry", {0: pieces})
+    joined = graph.add("JoinGeometry", {0: _pieces(graph, trees, light)})
     graph.put(joined.inputs[0], still)
     return graph.finish(graph.switch("GEOMETRY", dots, joined.outputs[0], given["Tree"]))
 

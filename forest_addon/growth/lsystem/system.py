@@ -53,7 +53,7 @@ class Expression:
     tree: Tree
 
     def __call__(self, values: Mapping[str, Value]) -> Value:
-        """Its value where the variables have these values, numbers or arrays of one length.
+        """Value of the expression for these values of its variables, numbers or arrays of one length.
 
         Raises
         ------

@@ -86,7 +86,16 @@ def rays_of(
         column, row = _grid(len(azimuth), len(elevation), shape)
         number = (column[::-1] * len(elevation) + row).ravel()  # azimuth grows to the left
     else:
-        number, column = _of_sweep(scanner, pattern.count, shape)
+        per_line = max(1, min(pattern.count, round(scanner.pulse_rate / scanner.line_rate)))
+        if _turns(scanner):
+            channels = min(scanner.channels, pattern.count)
+            column, row = _grid(max(1, per_line // channels), channels, shape)
+            start = max(0, (pattern.count - per_line) // 2) // channels * channels
+            number = start + column * channels + row
+        else:
+            column, row = _grid(max(1, pattern.count // per_line), per_line, shape)
+            number = column * per_line + row
+        number = np.minimum(number, pattern.count - 1).ravel()
     pulses = pattern.pulses(number)
     origin, way = np.array(pulses.origin), pulses.direction
     if not isinstance(scanner, Terrestrial) and not _turns(scanner):
@@ -99,20 +108,6 @@ def rays_of(
 def _turns(scanner: Any) -> bool:
     """Return whether a scanner has a head with several channels that turns."""
     return bool(scanner.pattern == "spinning" and scanner.channels > 1)
-
-
-def _of_sweep(scanner: Any, count: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """(W * H,) numbers of pulses of what sweeps, and a grid (W, H) of their columns."""
-    per_line = max(1, min(count, round(scanner.pulse_rate / scanner.line_rate)))
-    if _turns(scanner):
-        channels = min(scanner.channels, count)
-        column, row = _grid(max(1, per_line // channels), channels, shape)
-        start = max(0, (count - per_line) // 2) // channels * channels
-        number = start + column * channels + row
-    else:
-        column, row = _grid(max(1, count // per_line), per_line, shape)
-        number = column * per_line + row
-    return np.minimum(number, count - 1).ravel(), column
 
 
 def _grid(columns: int, rows: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -155,7 +150,9 @@ def outline(sensor: Any) -> np.ndarray:
         Tractor: fan_outline,
         Terrestrial: sweep_outline,
         Airborne: strips_outline,
-        Mobile: poses_outline,
+        Mobile: lambda scanner: chain(
+            np.array([pose.position for pose in scanner.poses]).reshape(-1, 3)
+        ),
     }
     return drawn[type(sensor)](sensor)
 
@@ -208,8 +205,3 @@ def strips_outline(flight: Airborne) -> np.ndarray:
         foot = start + np.tan(edges)[:, None] * height * right - [0.0, 0.0, height]
         parts += [chain(ends), rays_to(start, foot), chain(foot)]
     return np.concatenate(parts)
-
-
-def poses_outline(scanner: Mobile) -> np.ndarray:
-    """The path through the poses of a moving scanner."""
-    return chain(np.array([pose.position for pose in scanner.poses]).reshape(-1, 3))

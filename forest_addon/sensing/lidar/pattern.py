@@ -144,7 +144,13 @@ class Sweep:
         if scanner.pattern == "spinning":
             return self._spinning(number)
         if scanner.pattern == "rosette":
-            return self._rosette(turns)
+            low, high = self._field
+            swing = np.sin(2 * np.pi * self._scanner.petals * turns)
+            el = (low + high) / 2 + (high - low) / 2 * swing
+            turn = -2 * np.pi * turns
+            cos, sin = np.cos(turn), np.sin(turn)
+            way = np.stack([np.cos(el) * cos, np.cos(el) * sin, np.sin(el)], 1)
+            return way, np.stack([sin, -cos, np.zeros(len(turns))], 1), el
         return self._circles(turns) if scanner.pattern == "circles" else self._lines(turns)
 
     def _lines(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -189,20 +195,10 @@ class Sweep:
         way = np.stack([np.cos(el) * cos, np.cos(el) * sin, np.sin(el)], 1)
         return way, np.stack([sin, -cos, np.zeros(len(number))], 1), el
 
-    def _rosette(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A beam that turns clockwise about the vertical and swings, as a sine, over its elevations."""
-        low, high = self._field
-        swing = np.sin(2 * np.pi * self._scanner.petals * turns)
-        el = (low + high) / 2 + (high - low) / 2 * swing
-        turn = -2 * np.pi * turns
-        cos, sin = np.cos(turn), np.sin(turn)
-        way = np.stack([np.cos(el) * cos, np.cos(el) * sin, np.sin(el)], 1)
-        return way, np.stack([sin, -cos, np.zeros(len(turns))], 1), el
-
 
 # Even steps, without the drift of adding them up.
 
 
 def steps(low: float, high: float, step: float) -> np.ndarray:
-    """From ``low`` to at most ``high``; a last step that rounding would lose is kept."""
+    """Steps from ``low`` to at most ``high``; a last one that rounding would lose is kept."""
     return low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)

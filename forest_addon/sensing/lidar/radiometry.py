@@ -89,7 +89,7 @@ def received_energy(scanner: Scanner, light: np.ndarray) -> np.ndarray:
 
 
 def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:
-    """No surface may give more light than arrives, whatever its object or material says of itself.
+    """Refuse surfaces that reflect more light than arrives, whatever their object or material says.
 
     Raises
     ------

@@ -218,7 +218,7 @@ class Scan:
             yield stop, self.look_around_faults(np.arange(begin, stop))
 
     def look_around_faults(self, number: np.ndarray) -> Cloud:
-        """As ``look_at``; pulses on which the program fails are named in the cloud's ``lost``."""
+        """Cast pulses as ``look_at`` does; the cloud's ``lost`` names those on which the program fails."""
         try:
             return self.look_at(number)
         except MemoryError:

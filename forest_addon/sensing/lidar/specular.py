@@ -55,8 +55,7 @@ WATER_K = np.array(
 
 def mirrored(way: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """(R, 3) unit directions after a mirror with unit normals (R, 3), of either sense."""
-    along = np.einsum("rk,rk->r", way, normal)
-    return _unit(way - 2 * along[:, None] * normal)
+    return _unit(way - 2 * np.einsum("rk,rk->r", way, normal)[:, None] * normal)
 
 
 def refracted(

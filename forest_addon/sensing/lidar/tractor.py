@@ -206,8 +206,7 @@ def beam_areas(scan: TractorScan, tractor: Tractor, *, from_vertical: bool = Fal
     angle = np.pi / 2 - scan.angle if from_vertical else scan.angle
     step = np.deg2rad(tractor.angle_step_deg) * (-1 if from_vertical else 1)
     wide = np.abs(np.sin(angle + step) - np.sin(angle))
-    reach = np.where(is_wood(scan.organ), scan.distance, 0.0)
-    return tractor.step * reach * wide
+    return tractor.step * np.where(is_wood(scan.organ), scan.distance, 0.0) * wide
 
 
 def impacted_area(scan: TractorScan, tractor: Tractor) -> float:

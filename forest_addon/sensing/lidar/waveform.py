@@ -138,7 +138,7 @@ def find_echoes(
 
 
 def by_pulse(ray: np.ndarray, subrays: int, rows: np.ndarray) -> list[np.ndarray]:
-    """Some rows of contacts (C,), by number, pulse by pulse. ray : (C,)."""
+    """Rows of contacts (C,), by number, pulse by pulse. ray : (C,)."""
     pulse = ray[rows] // subrays
     order = np.argsort(pulse, kind="stable")
     return np.split(rows[order], np.flatnonzero(np.diff(pulse[order])) + 1) if len(rows) else []

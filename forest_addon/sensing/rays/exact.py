@@ -282,7 +282,10 @@ class Referee(RayCaster):
             leaving=leaving,
             **when,
         )
-        ours = _without_nothing(ours)
+        nothing = ~np.isfinite(ours.distance)
+        if (nothing & ours.found).any():
+            ours = ours.select(np.arange(len(nothing)))
+            ours.put(nothing, Hits.misses(int(nothing.sum())))
         limit = np.where(ours.found, np.minimum(ours.distance + SAME, far), far)
         exact = self.exact.cast(
             origins, directions, limit, min_distance=near, leaving=leaving, **when
@@ -395,15 +398,6 @@ def _half_size(scene: SceneGeometry) -> float:
     if not known.any():
         return 0.0
     return float((high[known].max(axis=0) - low[known].min(axis=0)).max()) / 2
-
-
-def _without_nothing(hits: Hits) -> Hits:
-    """Hits, those at no finite distance taken away."""
-    nothing = ~np.isfinite(hits.distance)
-    if (nothing & hits.found).any():
-        hits = hits.select(np.arange(len(nothing)))
-        hits.put(nothing, Hits.misses(int(nothing.sum())))
-    return hits
 
 
 def _alike(one: Hits, other: Hits) -> np.ndarray:

@@ -340,8 +340,7 @@ def _rate(
             inner = (row - 1 >= knots[:, 0]) if ahead == 1 else (row + 2 < knots[:, 1])
             there &= ~inner
         first = np.where(there, row + ahead, row)
-        second = np.where(there, first + 1, first)
-        change = gone(second) - gone(first)
+        change = gone(np.where(there, first + 1, first)) - gone(first)
         change[~there] = np.inf
         changes.append(change)
     every = np.stack(changes)

@@ -103,7 +103,7 @@ class Search(RayCaster, ABC):
 
 
 def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Some rays of arrays (..., R); no copies where they are all."""
+    """The chosen rays of arrays (..., R); no copies where they are all."""
     if len(rays) == arrays[0].shape[-1]:
         return arrays
     return tuple(np.ascontiguousarray(array[..., rays]) for array in arrays)

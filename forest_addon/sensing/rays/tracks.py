@@ -53,14 +53,6 @@ class SceneSample:
         """Bytes that it takes."""
         return self.transform.nbytes + sum(s.vertices.nbytes for s in self.shapes.values())
 
-    def names_as(self, other: SceneSample) -> bool:
-        """Return whether its instances are those of another sample, in the same order."""
-        return (
-            self.name == other.name
-            and self.source == other.source
-            and np.array_equal(self.object_index, other.object_index)
-        )
-
 
 class AppearingObjects(ValueError):
     """Objects are there meanwhile that the scene as it was read does not have; ``names`` says which."""
@@ -94,7 +86,16 @@ class Tracks:
         self._scene, self._now, self._time, self._samples = scene, now, time, samples
         self._keys: dict[tuple[tuple[str, str], int], int] = {}
         usual = self._found(now)
-        columns_of = [usual if sample.names_as(now) else self._found(sample) for sample in samples]
+        columns_of = [
+            usual
+            if (
+                sample.name == now.name
+                and sample.source == now.source
+                and np.array_equal(sample.object_index, now.object_index)
+            )
+            else self._found(sample)
+            for sample in samples
+        ]
         self._many = {
             obj: np.array([count[obj] for _, count in columns_of])
             for obj in dict.fromkeys(obj for obj, _ in self._keys)

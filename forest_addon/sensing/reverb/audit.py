@@ -64,8 +64,7 @@ def parts_of_response(
     pairs, hearing : what was asked for (``response.pairs_of``). expansions : what the response was made with.
     """
     count, wide = len(pairs), len(hearing.names)
-    told = {"channels": len(found.channels)}
-    parts = [figures(told, {"channels": count * wide})]
+    parts = [figures({"channels": len(found.channels)}, {"channels": count * wide})]
     if len(found.channels) != count * wide:
         return parts
     chosen = np.unique(np.linspace(0, count - 1, max(1, int(share * count))).astype(int))
@@ -120,7 +119,7 @@ class Channel:
 
     @cached_property
     def paths(self) -> TrunkPaths:
-        """By way of all trunks, also those that are left out."""
+        """Paths by way of all trunks, also those that are left out."""
         reverb, ends = self.pair.reverb, (self.pair.source[:2], self.pair.receiver[:2])
         upright = self.pair.losses is not None
         return trunk_paths(

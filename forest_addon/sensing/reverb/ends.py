@@ -221,8 +221,7 @@ def _columns(key: str, path: Path, names: tuple[str, ...]) -> np.ndarray:
     with open(path, newline="", encoding="utf-8-sig") as file:
         rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
     header = [cell.strip().lower() for cell in rows[0]] if rows else []
-    missing = [name for name in names if name not in header]
-    if missing or len(rows) < 2:
+    if [name for name in names if name not in header] or len(rows) < 2:
         raise SpecError(
             key, f"{path.name} needs a header with {', '.join(names)} and at least one row"
         )

@@ -186,8 +186,7 @@ def _cost(reverb: Reverb, _trajectory: Any, _engine: str) -> Cost:
 def sound_outline(reverb: Reverb) -> np.ndarray:
     """The direct path, and the one that the ground z = 0 mirrors."""
     source, receiver = np.asarray(reverb.source), np.asarray(reverb.receiver)
-    share = source[2] / (source[2] + receiver[2])
-    bounce = source + share * (receiver - source)
+    bounce = source + (source[2] / (source[2] + receiver[2])) * (receiver - source)
     bounce[2] = 0.0
     return np.concatenate(
         [chain(np.array([source, receiver])), chain(np.array([source, bounce, receiver]))]

@@ -165,8 +165,7 @@ def _early_and_late(
 
 def octave_bands(sample_rate: float) -> tuple[float, ...]:
     """Middle of the octaves that lie wholly below 0.45 of the sampling rate, where the band ends."""
-    count = 1 + round(math.log2(LATEST / EARLIEST))
-    middles = EARLIEST * 2.0 ** np.arange(count)
+    middles = EARLIEST * 2.0 ** np.arange(1 + round(math.log2(LATEST / EARLIEST)))
     within = middles * 2.0 ** (0.5 + RAMP / 2) <= 0.45 * sample_rate
     return tuple(middles[within].tolist())
 

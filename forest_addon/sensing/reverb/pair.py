@@ -106,7 +106,7 @@ class ImpulseResponse:
 
     @property
     def channels(self) -> tuple[ImpulseResponse, ...]:
-        """This response and the further ones."""
+        """All channels: this response and the further ones."""
         return (self, *self.further)
 
     @property

@@ -66,14 +66,14 @@ class Trunks(RowTable):
         return len(self.radius)
 
     def clear_of(self, places: np.ndarray) -> Trunks:
-        """Those that cover none of the places (P, 2)."""
+        """Trunks that cover none of the places (P, 2)."""
         free = np.ones(len(self), dtype=bool)
         for place in places:
             free &= np.hypot(*(self.position - place).T) > self.radius
         return self.select(free)
 
     def with_others(self, *others: Trunks) -> Trunks:
-        """These trunks and after them the others'; which instance was cut is forgotten."""
+        """Join these trunks and, after them, the others; which instance was cut is forgotten."""
         every = (self, *others)
         return Trunks(
             position=np.concatenate([trunks.position for trunks in every]),
@@ -110,7 +110,11 @@ def trunks_at_height(
         transform = scene.transform[instance]
         segments = wood[scene.mesh_index[instance]].cut(transform, height)
         stems, thinner = _stems(segments, min_radius)
-        separate = _outermost(stems)
+        # those whose centre lies within a thicker one are not counted
+        separate: list[tuple[np.ndarray, float]] = []
+        for centre, radius in sorted(stems, key=lambda stem: -stem[1]):
+            if all(math.dist(centre, other) >= reach for other, reach in separate):
+                separate.append((centre, radius))
         thin += thinner
         inside += len(stems) - len(separate)
         found += [(int(instance), centre + transform[:2, 3], radius) for centre, radius in separate]
@@ -208,8 +212,7 @@ def _components(edge: np.ndarray) -> np.ndarray:
     graph = sparse.coo_matrix(
         (np.ones(len(node), np.int8), (node[:, 0], node[:, 1])), shape=(len(names), len(names))
     )
-    label = csgraph.connected_components(graph, directed=False)[1]
-    return label[node[:, 0]]
+    return csgraph.connected_components(graph, directed=False)[1][node[:, 0]]
 
 
 def _stems(segments: _Segments, min_radius: float) -> tuple[list[tuple[np.ndarray, float]], int]:
@@ -226,15 +229,6 @@ def _stems(segments: _Segments, min_radius: float) -> tuple[list[tuple[np.ndarra
         if radius >= min_radius:
             stems.append((centre, radius))
     return stems, len(length) - len(stems)
-
-
-def _outermost(stems: list[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
-    """The stems, thickest first, without those whose centre lies within a thicker one."""
-    kept: list[tuple[np.ndarray, float]] = []
-    for centre, radius in sorted(stems, key=lambda stem: -stem[1]):
-        if all(math.dist(centre, other) >= reach for other, reach in kept):
-            kept.append((centre, radius))
-    return kept
 
 
 # The least squares axis of a surface is trusted if the normals point along it by so much less (ratio of
@@ -321,9 +315,7 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
     ordered = sorted(set(map(tuple, points.tolist())))
     if len(ordered) < 3:
         return np.array(ordered).reshape(-1, 2)
-    lower = _chain(ordered)
-    upper = _chain(ordered[::-1])
-    return np.array(lower[:-1] + upper[:-1])
+    return np.array(_chain(ordered)[:-1] + _chain(ordered[::-1])[:-1])
 
 
 def _chain(points: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -426,8 +418,7 @@ def continue_trunks(
     position = centre + rng.uniform(-distance, distance, (count, 2))
     radius = radii[rng.integers(0, len(radii), count)] if len(radii) else np.empty(0)
     outside = np.any((position < corner) | (position > corner + size), axis=1)
-    near = np.hypot(*(position - centre).T) <= distance
-    keep = outside & near
+    keep = outside & (np.hypot(*(position - centre).T) <= distance)
     beyond = Trunks(position[keep], radius[keep], np.full(int(keep.sum()), -1, dtype=np.int64))
     return beyond if clear is None else beyond.clear_of(clear)
 

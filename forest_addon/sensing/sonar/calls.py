@@ -21,7 +21,7 @@ MOST_SAMPLES = 2**27
 
 @dataclass(frozen=True)
 class Band:
-    """From ``low`` to ``high`` Hz; the same twice is a tone."""
+    """A band from ``low`` to ``high`` Hz; the same twice is a tone."""
 
     low: float
     high: float

@@ -174,7 +174,7 @@ class Population(ABC):
     def scatterers(
         self, transform: np.ndarray, rows: np.ndarray, sight: Sight
     ) -> Sequence[Scatterers]:
-        """Some rows through one (3, 4) transform, in one or more sets."""
+        """Rows through one (3, 4) transform, in one or more sets."""
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ class EchoWind:
         sight: Sight,
         time: float,
     ) -> Iterator[tuple[Scatterers, np.ndarray]]:
-        """Some rows of a population as the tree of an instance has them in the world at a time, s, each set
+        """Rows of a population as the tree of an instance has them in the world at a time, s, each set
         with its velocity, m/s, and place at rest, m, (M, 6). transform : (3, 4) of the instance."""
         moment, piece = self.moment(instance, time), self._piece_of(population, instance)[rows]
         for number in distinct(piece).tolist():

@@ -284,7 +284,7 @@ def _mirrored(size: np.ndarray) -> np.ndarray:
 
 
 def _largest_backscatter(size: np.ndarray) -> np.ndarray:
-    """No |S(x, π)| with x <= ka is larger."""
+    """Upper bound of |S(x, π)| over x <= ka."""
     grid, largest = _envelope()
     after = np.minimum(np.searchsorted(grid, size), len(grid) - 1)
     return largest[after] * np.sqrt(np.maximum(size / LARGEST, 1.0))

@@ -33,7 +33,16 @@ from ...spec import Scene
 from ..settings import exchange
 from ..settings.exchange import forestless, to_spec
 from ..shell import running
-from ..shell.running import PROBLEMS, Button, Working, current, getting_ready, obstacle, stop
+from ..shell.running import (
+    PROBLEMS,
+    Button,
+    Working,
+    button,
+    current,
+    getting_ready,
+    obstacle,
+    stop,
+)
 from ..shell.views import is_rendering, look_at, redraw_panels, region_of, views
 from ..shell.words import say
 from ..species.edit import edited_species, load
@@ -144,7 +153,7 @@ def begin_live(scene: bpy.types.Scene) -> None:
 
 
 def let_be(scene: bpy.types.Scene, mark: str) -> None:
-    """This is being built: however it ends, it is not begun again by itself."""
+    """Mark a scene as being built: however it ends, it is not begun again by itself."""
     _let_be[scene.session_uid] = mark
 
 
@@ -344,12 +353,9 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         return f"{said}; {say('{count} changed by hand', count=changed)}" if changed else said
 
 
-class FOREST_OT_new_seed(Button, bpy.types.Operator):
+@button("New Seed", Button)
+def new_seed(_button: Button, context: bpy.types.Context) -> str:
     """Throw the dice: another seed is another forest. Press Grow Forest to see it"""
-
-    bl_label = "New Seed"
-
-    def act(self, context: bpy.types.Context) -> str:
-        # Not a stream of the scene: this is the one place where chance itself is wanted.
-        context.scene.forest_sensing.seed = secrets.randbelow(1_000_000)
-        return ""
+    # Not a stream of the scene: this is the one place where chance itself is wanted.
+    context.scene.forest_sensing.seed = secrets.randbelow(1_000_000)
+    return ""

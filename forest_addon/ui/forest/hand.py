@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 import numpy as np
@@ -43,7 +43,7 @@ from ...blender.show import intensity
 from ...spec import Clearing, HandTree
 from ..settings import exchange
 from ..settings.exchange import fill, read
-from ..shell.running import Button, obstacle
+from ..shell.running import Button, button, obstacle
 from ..shell.views import PLANTED, chosen_planting, redraw_panels, see_through, select
 from ..shell.words import free_name, keep, say
 
@@ -177,98 +177,93 @@ def take_away(planting: Any, tree: StoodTree) -> None:
     forget_tree(tree)
 
 
-class _OfSelected(Button):
-    """An operator on selected trees of the forest, which does ``change(planting, tree)`` with each."""
+def _stand_among(context: bpy.types.Context) -> bool:
+    """Return whether trees of the forest are selected."""
+    return any(STOOD_KEY in obj for obj in context.selected_objects)
 
-    needs = (
-        (
-            lambda context: (
-                context.mode == "OBJECT"
-                and any(STOOD_KEY in obj for obj in context.selected_objects)
-            ),
-            NO_TREES,
-        ),
+
+def _are_among(context: bpy.types.Context) -> bool:
+    """Return whether copies of the forest's trees are selected."""
+    return any(map(copy_of, context.selected_objects))
+
+
+SELECTED = ((lambda context: context.mode == "OBJECT" and _stand_among(context), NO_TREES),)
+COPIED = ((lambda context: context.mode == "OBJECT" and _are_among(context), NO_COPIES),)
+
+
+def _change_selected(
+    button: bpy.types.Operator,
+    context: bpy.types.Context,
+    change: Callable[[Any, StoodTree], None],
+) -> str | None:
+    """Change each selected tree of a known planting; returns how many those are."""
+    known, chosen = plantings_by_label(context.scene), set(context.selected_objects)
+    trees = [t for t in stood_trees(context.scene) if t.obj in chosen and t.label in known]
+    for tree in trees:
+        change(known[tree.label], tree)
+    if not trees:
+        button.report({"WARNING"}, say(NO_TREES))
+        return None
+    context.scene.update_tag()
+    return say("{count} trees; Grow Forest keeps them so", count=len(trees))
+
+
+CHANGES = (
+    (
+        "lock_trees",
+        "Lock Trees",
+        "Keep the selected trees where and as they stand, whatever is drawn around them",
+        set_tree,
+    ),
+    (
+        "swap_trees",
+        "Next Variant",
+        "Make each selected tree the next variant of its species, and keep it so",
+        swap_tree,
+    ),
+    (
+        "remove_trees",
+        "Remove Trees",
+        "Take the selected trees out of the forest, and have none drawn in their places",
+        take_away,
+    ),
+)
+CLASSES = tuple(
+    button(title, Button, needs=SELECTED, __doc__=words)(
+        lambda button, context, change=change: _change_selected(button, context, change), name
     )
-
-    def act(self, context: bpy.types.Context) -> str | None:
-        """Change each tree of a known planting; returns how many those are."""
-        known, chosen = plantings_by_label(context.scene), set(context.selected_objects)
-        trees = [
-            tree
-            for tree in stood_trees(context.scene)
-            if tree.obj in chosen and tree.label in known
-        ]
-        for tree in trees:
-            self.change(known[tree.label], tree)
-        if not trees:
-            self.report({"WARNING"}, say(NO_TREES))
-            return None
-        context.scene.update_tag()
-        return say("{count} trees; Grow Forest keeps them so", count=len(trees))
+    for name, title, words, change in CHANGES
+)
 
 
-class FOREST_OT_lock_trees(_OfSelected, bpy.types.Operator):
-    """Keep the selected trees where and as they stand, whatever is drawn around them"""
-
-    bl_label = "Lock Trees"
-    change = staticmethod(set_tree)
-
-
-class FOREST_OT_swap_trees(_OfSelected, bpy.types.Operator):
-    """Make each selected tree the next variant of its species, and keep it so"""
-
-    bl_label = "Next Variant"
-    change = staticmethod(swap_tree)
-
-
-class FOREST_OT_remove_trees(_OfSelected, bpy.types.Operator):
-    """Take the selected trees out of the forest, and have none drawn in their places"""
-
-    bl_label = "Remove Trees"
-    change = staticmethod(take_away)
-
-
-class FOREST_OT_adopt_trees(_OfSelected, bpy.types.Operator):
+@button("Plant Copies", Button, bl_options={"UNDO"}, needs=COPIED)
+def adopt_trees(button: bpy.types.Operator, context: bpy.types.Context) -> str | None:
     """Plant the selected copies of trees where they stand: copied here or dragged from the Asset Browser"""
-
-    bl_label = "Plant Copies"
-    bl_options: ClassVar[set[str]] = {"UNDO"}
-    needs = (
-        (
-            lambda context: (
-                context.mode == "OBJECT" and any(map(copy_of, context.selected_objects))
-            ),
-            NO_COPIES,
-        ),
-    )
-
-    def act(self, context: bpy.types.Context) -> str | None:
-        known, planted = plantings_by_label(context.scene), []
-        for obj in context.selected_objects:
-            label, variant = copy_of(obj) or ("", 0)
-            if label not in known or variant >= known[label].variants:
-                continue
-            place, turn, size = obj.matrix_world.decompose()
-            turned = np.rad2deg(turn.to_euler().z)
-            add_tree(known[label], place[:2], turned, sum(size) / 3, variant)
-            planted.append(obj)
-        if not planted:
-            self.report({"WARNING"}, say("No planting of this forest has these trees"))
-            return None
-        data = {obj.data for obj in planted}
-        bpy.data.batch_remove(planted)
-        bpy.data.batch_remove([mesh for mesh in data if not mesh.users])  # the browser copies them
-        context.scene.update_tag()
-        if context.scene.forest_sensing.plant_grows and not obstacle(context):
-            bpy.ops.forest.build("INVOKE_DEFAULT")
-        return say("{count} planted; Grow Forest keeps them", count=len(planted))
+    known, planted = plantings_by_label(context.scene), []
+    for obj in context.selected_objects:
+        label, variant = copy_of(obj) or ("", 0)
+        if label not in known or variant >= known[label].variants:
+            continue
+        place, turn, size = obj.matrix_world.decompose()
+        turned = np.rad2deg(turn.to_euler().z)
+        add_tree(known[label], place[:2], turned, sum(size) / 3, variant)
+        planted.append(obj)
+    if not planted:
+        button.report({"WARNING"}, say("No planting of this forest has these trees"))
+        return None
+    data = {obj.data for obj in planted}
+    bpy.data.batch_remove(planted)
+    bpy.data.batch_remove([mesh for mesh in data if not mesh.users])  # the browser copies them
+    context.scene.update_tag()
+    if context.scene.forest_sensing.plant_grows and not obstacle(context):
+        bpy.ops.forest.build("INVOKE_DEFAULT")
+    return say("{count} planted; Grow Forest keeps them", count=len(planted))
 
 
 def draw_menu(menu: Any, context: bpy.types.Context) -> None:
     """Draw what can be done with selected trees, in the context menu of objects."""
-    stand = any(STOOD_KEY in obj for obj in context.selected_objects)
-    copied = any(map(copy_of, context.selected_objects))
-    names = ["lock_trees", "swap_trees", "remove_trees"] * stand + ["adopt_trees"] * copied
+    names = [name for name, *_ in CHANGES] * _stand_among(context)
+    names += ["adopt_trees"] * _are_among(context)
     if names:
         menu.layout.separator()
     for name in names:
@@ -439,63 +434,49 @@ def _put_away(*_: object) -> None:
         intensity.show_canvas(obj, painted=False)
 
 
-class FOREST_OT_paint(Button, bpy.types.Operator):
+IN_MODE = (
+    lambda context: context.mode in ("OBJECT", PAINTING),
+    keep("Leave this mode first: painting begins in Object Mode"),
+)
+
+
+@button("Paint", Button, needs=(IN_MODE, PLANTED))
+def paint(_button: Button, context: bpy.types.Context) -> str:
     """Paint where this species stands, on the ground; press again when it is done"""
+    global _in_hand
+    if context.mode == PAINTING:
+        bpy.ops.object.mode_set(mode="OBJECT")
+        _put_away()
+        return ""
+    from ...blender.site import with_objects
+    from ...site import ForestSite
+    from ...stand.files import read_inputs
 
-    bl_label = "Paint"
-    needs = (
-        (
-            lambda context: context.mode in ("OBJECT", PAINTING),
-            keep("Leave this mode first: painting begins in Object Mode"),
-        ),
-        PLANTED,
+    props = context.scene.forest_sensing
+    folder = Path(bpy.path.abspath(props.folder))
+    settings = spec.Scene(
+        forest=exchange.read(props.forest, spec.Forest, "forest"),
+        offset=exchange.parsed("offset", props.offset) or (0.0, 0.0, 0.0),
+        crs=props.crs,
     )
-
-    def act(self, context: bpy.types.Context) -> str:
-        global _in_hand
-        if context.mode == PAINTING:
-            bpy.ops.object.mode_set(mode="OBJECT")
-            _put_away()
-            return ""
-        obj = self._canvas(context)
-        planting = chosen_planting(context.scene.forest_sensing)
-        layer = intensity.layer_of(obj, _layer_name(planting, obj))
-        planting.painted = f"{obj.name}:{layer.name}"
-        select(context, obj)
-        bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
-        intensity.show_canvas(obj, painted=True)
-        _in_hand = obj.name
-        see_through(True)
-        return say("Paint where trees stand; Done ends it, Grow Forest plants them")
-
-    def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
-        """The scene's canvas, laid over the field as it is now."""
-        from ...blender.site import with_objects
-        from ...site import ForestSite
-        from ...stand.files import read_inputs
-
-        props = context.scene.forest_sensing
-        folder = Path(bpy.path.abspath(props.folder))
-        settings = spec.Scene(
-            forest=exchange.read(props.forest, spec.Forest, "forest"),
-            offset=exchange.parsed("offset", props.offset) or (0.0, 0.0, 0.0),
-            crs=props.crs,
-        )
-        site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))
-        site = with_objects(site, context.evaluated_depsgraph_get())
-        home = part(context.scene, INTENSITY)
-        known = (t for t in home.objects if intensity.CANVAS_KEY in t and t.type == "MESH")
-        obj = next(known, None) or intensity.new_canvas(NAME, home)
-        intensity.lay(obj, settings.forest, site.ground)
-        return obj
-
-
-def _layer_name(planting: Any, obj: bpy.types.Object) -> str:
-    """The layer that the planting has on the canvas, or the name for one of its own."""
-    if planting.painted_pointer == obj and planting.painted_layer in obj.vertex_groups:
-        return str(planting.painted_layer)
-    stem = Path(planting.species).stem or "trees"
-    return free_name(stem, " ", "", obj.vertex_groups.__contains__)
+    site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))
+    site = with_objects(site, context.evaluated_depsgraph_get())
+    home = part(context.scene, INTENSITY)
+    known = (t for t in home.objects if intensity.CANVAS_KEY in t and t.type == "MESH")
+    obj = next(known, None) or intensity.new_canvas(NAME, home)
+    intensity.lay(obj, settings.forest, site.ground)
+    planting = chosen_planting(context.scene.forest_sensing)
+    name = str(planting.painted_layer)  # the layer that the planting has on the canvas
+    if planting.painted_pointer != obj or name not in obj.vertex_groups:
+        stem = Path(planting.species).stem or "trees"
+        name = free_name(stem, " ", "", obj.vertex_groups.__contains__)
+    planting.painted = f"{obj.name}:{intensity.layer_of(obj, name).name}"
+    select(context, obj)
+    bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+    intensity.show_canvas(obj, painted=True)
+    _in_hand = obj.name
+    see_through(True)
+    return say("Paint where trees stand; Done ends it, Grow Forest plants them")
 
 
 HANDLERS = (("depsgraph_update_post", _put_away),)

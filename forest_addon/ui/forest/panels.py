@@ -30,7 +30,7 @@ from ..settings.exchange import forestless
 from ..settings.presets import draw_presets
 from ..settings.references import draw_notice
 from ..shell import running
-from ..shell.running import current, draw_job
+from ..shell.running import current, draw_job, panel
 from ..shell.views import chosen, chosen_planting
 from ..shell.words import EDITED, keep, label, title_of
 from . import build
@@ -180,229 +180,200 @@ CLASSES = (
 )
 
 
-def _shown_planting(context: bpy.types.Context) -> Any:
-    return chosen(context.scene.forest_sensing, "plantings")
+def _shown_planting(context: Context) -> Any:
+    return chosen(_props(context), "plantings")
 
 
-class FOREST_PT_forest(Tab, bpy.types.Panel):
-    bl_label = "Species and Forest"
-    bl_order = 0
-
-    def draw_header_preset(self, context: bpy.types.Context) -> None:
-        if not is_narrow():  # else they would stand on the title
-            _draw_files(self.layout)
-            self.layout.separator()  # from the handle that Blender draws at the end
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, props = self.layout, context.scene.forest_sensing
-        if is_narrow():
-            _draw_files(layout.row())
-        if running.missing():
-            missing = running.packages_in_words(running.missing())
-            _draw_warning(layout, (missing, *running.WHAT_TO_DO)).alert = True
-        if props.notice:
-            draw_notice(layout, props)
-        if context.scene.unit_settings.scale_length != 1:
-            _draw_warning(layout, UNIT)
-        if forestless(props):
-            # The start for a newcomer: two doors, and the way to a file.
-            _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow Forest"))
-            scan = layout.row()
-            scan.scale_y = BIG
-            scan.operator("forest.scan_here", icon="OUTLINER_OB_POINTCLOUD")
-            row = layout.row(align=True)
-            row.operator("forest.gallery", text="More Forests", icon="IMGDISPLAY")
-            row.operator("forest.load_scene", text="Open")
-            return
-        _draw_update(layout, context.scene)
-        column = split(layout)
-        seed = column.row(align=True)
-        seed.prop(props, "seed")
-        seed.operator("forest.new_seed", text="", icon="FILE_REFRESH")
-        draw_field(column, props.forest, "size")
-        draw_field(column, props.forest, "instancing")
-        draw_display(column, props)
+def _files_beside(tab: bpy.types.Panel, _context: Context) -> None:
+    if not is_narrow():  # else they would stand on the title
+        _draw_files(tab.layout)
+        tab.layout.separator()  # from the handle that Blender draws at the end
 
 
-class FOREST_PT_plantings(OfForest, bpy.types.Panel):
+@panel("Species and Forest", Tab, bl_order=0, draw_header_preset=_files_beside)
+def forest(tab: bpy.types.Panel, context: Context) -> None:
+    layout, props = tab.layout, _props(context)
+    if is_narrow():
+        _draw_files(layout.row())
+    if running.missing():
+        missing = running.packages_in_words(running.missing())
+        _draw_warning(layout, (missing, *running.WHAT_TO_DO)).alert = True
+    if props.notice:
+        draw_notice(layout, props)
+    if context.scene.unit_settings.scale_length != 1:
+        _draw_warning(layout, UNIT)
+    if forestless(props):
+        # The start for a newcomer: two doors, and the way to a file.
+        _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow Forest"))
+        scan = layout.row()
+        scan.scale_y = BIG
+        scan.operator("forest.scan_here", icon="OUTLINER_OB_POINTCLOUD")
+        row = layout.row(align=True)
+        row.operator("forest.gallery", text="More Forests", icon="IMGDISPLAY")
+        row.operator("forest.load_scene", text="Open")
+        return
+    # The button that grows, with a star where settings have changed since, and Live beside it.
+    row = layout.column(align=True) if is_narrow() else layout.row(align=True)
+    star = " *" if build.is_stale(context.scene) else ""
+    icon = "FILE_REFRESH" if "forest" in props.results else "OUTLINER_OB_CURVES"
+    _build_or_progress(row, icon, label("Grow Forest") + star)
+    beside = row.row(align=True)
+    beside.scale_y = BIG
+    beside.ui_units_x = 0 if is_narrow() else 3
+    beside.prop(props, "live", toggle=True)
+    column = split(layout)
+    seed = column.row(align=True)
+    seed.prop(props, "seed")
+    seed.operator("forest.new_seed", text="", icon="FILE_REFRESH")
+    draw_field(column, props.forest, "size")
+    draw_field(column, props.forest, "instancing")
+    draw_display(column, props)
+
+
+@panel("Planting", OfForest, draw_header_preset=lambda tab, _: draw_presets(tab.layout, "planting"))
+def plantings(tab: bpy.types.Panel, context: Context) -> None:
     """Planting of the species that is chosen above: how many, and how they stand."""
-
-    bl_label = "Planting"
-
-    def draw_header_preset(self, _context: bpy.types.Context) -> None:
-        draw_presets(self.layout, "planting")
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, props = self.layout, context.scene.forest_sensing
-        if not props.plantings:
-            layout.label(text="No trees: add a planting", icon="INFO")
-            return
-        column, planting = split(layout), _shown_planting(context)
-        if props.advanced:  # a species file that no folder of ours has
-            draw_field(column, planting, "species")
-        for name in ("variants", "layout", "expected", "density", "exact"):
-            draw_field(column, planting, name)
-        for name in ("scale", "crown", "age", "season"):
-            draw_field(column, planting, name)
+    layout, props = tab.layout, _props(context)
+    if not props.plantings:
+        layout.label(text="No trees: add a planting", icon="INFO")
+        return
+    column, planting = split(layout), _shown_planting(context)
+    if props.advanced:  # a species file that no folder of ours has
+        draw_field(column, planting, "species")
+    for name in ("variants", "layout", "expected", "density", "exact"):
+        draw_field(column, planting, name)
+    for name in ("scale", "crown", "age", "season"):
+        draw_field(column, planting, name)
 
 
 class _OfPlanting(Tab):
-    """More of the chosen planting: what ``names`` says of it, or what only the layout ``which`` heeds."""
+    """More of the chosen planting."""
 
     bl_parent_id = "FOREST_PT_plantings"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
-    names: tuple[str, ...] = ()
-    which = ""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(context.scene.forest_sensing.plantings)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _shown_planting(context)
-        column.active = self.which in ("", planting.layout)
-        for name in self.names:
-            draw_field(column, planting, name)
-        if not self.names:
-            draw_settings(column, getattr(planting, self.which))
+    ready = staticmethod(lambda context: bool(_props(context).plantings))
 
 
-class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
-    bl_label = "Where They Stand"
-    bl_options: ClassVar[set[str]] = set()
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, planting = self.layout, _shown_planting(context)
-        layout.active = planting.layout in ("poisson", "clusters", "strauss")
-        draw_listed(layout, planting, "gaussians", "gaussian")
-        if not planting.gaussians:
-            layout.label(text="No hills: the same everywhere", icon="INFO")
-        else:
-            layout.prop(context.scene.forest_sensing, "drag_hills", icon="EMPTY_AXIS", toggle=True)
-        layout.label(text="Images")
-        draw_listed(layout, planting, "rasters", "raster")
-        column = split(layout)
-        draw_field(column, planting, "base")
-        draw_reference(column, planting, "painted")
-        on = context.mode == PAINTING
-        column.operator(
-            "forest.paint",
-            text=label("Done") if on else label("Paint"),
-            icon="CHECKMARK" if on else "BRUSH_DATA",
-        )
-        draw_field(column, planting, "painted_value")
+@panel("Where They Stand", _OfPlanting, bl_options=set())
+def intensity(tab: bpy.types.Panel, context: Context) -> None:
+    layout, planting = tab.layout, _shown_planting(context)
+    layout.active = planting.layout in ("poisson", "clusters", "strauss")
+    draw_listed(layout, planting, "gaussians", "gaussian")
+    if not planting.gaussians:
+        layout.label(text="No hills: the same everywhere", icon="INFO")
+    else:
+        layout.prop(_props(context), "drag_hills", icon="EMPTY_AXIS", toggle=True)
+    layout.label(text="Images")
+    draw_listed(layout, planting, "rasters", "raster")
+    column = split(layout)
+    draw_field(column, planting, "base")
+    draw_reference(column, planting, "painted")
+    on = context.mode == PAINTING
+    column.operator(
+        "forest.paint",
+        text=label("Done") if on else label("Paint"),
+        icon="CHECKMARK" if on else "BRUSH_DATA",
+    )
+    draw_field(column, planting, "painted_value")
 
 
-class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
-    bl_label = "Limits"
-    names = ("slope_deg", "altitude", "polygon", "holes")
+def _part(name: str, title: str, names: tuple[str, ...], which: str) -> type:
+    """The panel of settings of a planting, or of the group ``which``, heeded by the layout of that name."""
+
+    def draw(tab: bpy.types.Panel, context: Context) -> None:
+        column, planting = split(tab.layout), _shown_planting(context)
+        column.active = which in ("", planting.layout)
+        for each in names:
+            draw_field(column, planting, each)
+        if not names:
+            draw_settings(column, getattr(planting, which))
+
+    return panel(title, _OfPlanting)(draw, name)
 
 
-class FOREST_PT_clusters(_OfPlanting, bpy.types.Panel):
-    bl_label = "Clusters"
-    which = "clusters"
+limits = _part("limits", "Limits", ("slope_deg", "altitude", "polygon", "holes"), "")
+clusters = _part("clusters", "Clusters", (), "clusters")
+strauss = _part("strauss", "Keeping Apart", (), "strauss")
+_in_rows = _part("rows", "Orchard Rows", (), "rows")
+_in_list = _part("list", "List of Trees", ("trees", "collection"), "list")
 
 
-class FOREST_PT_strauss(_OfPlanting, bpy.types.Panel):
-    bl_label = "Keeping Apart"
-    which = "strauss"
+@panel(
+    "Grown to Measure",
+    _OfPlanting,
+    draw_header=lambda tab, context: tab.layout.prop(
+        _shown_planting(context), "use_targets", text=""
+    ),
+)
+def targets(tab: bpy.types.Panel, context: Context) -> None:
+    column, planting = split(tab.layout), _shown_planting(context)
+    column.active = planting.use_targets
+    group = planting.targets
+    row = column.row(align=True, heading=name_in(type(group), "dbh"))
+    row.prop(group, "use_dbh", text="")
+    spread = row.row(align=True)
+    spread.active = group.use_dbh
+    spread.prop(group.dbh, "mean", text="")
+    spread.prop(group.dbh, "sd", text="")
+    draw_settings(column, group)
 
 
-class FOREST_PT_rows(_OfPlanting, bpy.types.Panel):
-    bl_label = "Orchard Rows"
-    which = "rows"
-
-
-class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
-    bl_label = "List of Trees"
-    names = ("trees", "collection")
-    which = "list"
-
-
-class FOREST_PT_targets(_OfPlanting, bpy.types.Panel):
-    bl_label = "Grown to Measure"
-
-    def draw_header(self, context: bpy.types.Context) -> None:
-        self.layout.prop(_shown_planting(context), "use_targets", text="")
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _shown_planting(context)
-        column.active = planting.use_targets
-        targets = planting.targets
-        row = column.row(align=True, heading=targets.bl_rna.properties["dbh"].name)
-        row.prop(targets, "use_dbh", text="")
-        spread = row.row(align=True)
-        spread.active = targets.use_dbh
-        spread.prop(targets.dbh, "mean", text="")
-        spread.prop(targets.dbh, "sd", text="")
-        draw_settings(column, targets)
-
-
-class FOREST_PT_by_hand(_OfPlanting, bpy.types.Panel):
+@panel("By Hand", _OfPlanting)
+def by_hand(tab: bpy.types.Panel, context: Context) -> None:
     """Single trees of the chosen planting that stay as they were set, discs without trees."""
-
-    bl_label = "By Hand"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, planting, props = self.layout, _shown_planting(context), _props(context)
-        text = label("Done Planting") if is_planting() else label("Plant by Hand")
-        row = layout.row()
-        row.scale_y = BIG
-        row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
-        column = split(layout)
-        for name in ("plant_radius", "plant_density"):
-            draw_named(column, props, name, name_in(type(props), name), is_narrow())
-        column.prop(props, "plant_grows")
-        layout.label(text="Selected Trees")
-        row = layout.column(align=True)  # side by side their names would be cut off
-        for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
-            row.operator(f"forest.{name}_trees", icon=icon)
-        row.operator("forest.adopt_trees", icon="ADD")
-        layout.label(text="Trees Set by Hand")
-        draw_listed(layout, planting, "by_hand", "hand_tree")
-        layout.label(text="Clearings")
-        draw_listed(layout, planting, "clearings", "clearing")
+    layout, planting, props = tab.layout, _shown_planting(context), _props(context)
+    text = label("Done Planting") if is_planting() else label("Plant by Hand")
+    row = layout.row()
+    row.scale_y = BIG
+    row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
+    column = split(layout)
+    for name in ("plant_radius", "plant_density"):
+        draw_named(column, props, name, name_in(type(props), name), is_narrow())
+    column.prop(props, "plant_grows")
+    layout.label(text="Selected Trees")
+    row = layout.column(align=True)  # side by side their names would be cut off
+    for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
+        row.operator(f"forest.{name}_trees", icon=icon)
+    row.operator("forest.adopt_trees", icon="ADD")
+    layout.label(text="Trees Set by Hand")
+    draw_listed(layout, planting, "by_hand", "hand_tree")
+    layout.label(text="Clearings")
+    draw_listed(layout, planting, "clearings", "clearing")
 
 
-class FOREST_PT_spacing(OfForest, bpy.types.Panel):
-    bl_label = "Spacing"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, forest = self.layout, context.scene.forest_sensing.forest
-        column = split(layout)
-        for name in ("spacing", "spacing_rule"):
-            if is_shown(forest, name):
-                draw_field(column, forest, name)
-        layout.label(text="Between Two Species")
-        draw_listed(layout, forest, "distances", "distance")
+@panel("Spacing", OfForest)
+def spacing(tab: bpy.types.Panel, context: Context) -> None:
+    layout, field = tab.layout, _props(context).forest
+    column = split(layout)
+    for name in ("spacing", "spacing_rule"):
+        if is_shown(field, name):
+            draw_field(column, field, name)
+    layout.label(text="Between Two Species")
+    draw_listed(layout, field, "distances", "distance")
 
 
-class FOREST_PT_stems(OfForest, bpy.types.Panel):
-    bl_label = "Stems for Reverb"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, props = self.layout, context.scene.forest_sensing
-        draw_listed(layout, props, "stems", "stems")
-        if props.stems:
-            draw_settings(split(layout), chosen(props, "stems").radius)
+@panel("Stems for Reverb", OfForest)
+def stems(tab: bpy.types.Panel, context: Context) -> None:
+    props = _props(context)
+    draw_listed(tab.layout, props, "stems", "stems")
+    if props.stems:
+        draw_settings(split(tab.layout), chosen(props, "stems").radius)
 
 
-class FOREST_PT_ground(OfForest, bpy.types.Panel):
-    bl_label = "Ground"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        props = context.scene.forest_sensing
-        column = split(self.layout)
-        for name in ("undergrowth", "origin", "polygon", "holes", "margin"):
-            draw_field(column, props.forest, name)
-        self.layout.label(text="Terrain")
-        draw_settings(split(self.layout), props.forest.terrain)
-        self.layout.label(text="On the Map")
-        column = split(self.layout)
-        row = column.row(align=True)
-        row.prop(props, "offset")
-        row.operator("forest.take_offset", text="", icon="IMPORT")
-        column.prop(props, "crs")
+@panel("Ground", OfForest)
+def ground(tab: bpy.types.Panel, context: Context) -> None:
+    layout, props = tab.layout, _props(context)
+    column = split(layout)
+    for name in ("undergrowth", "origin", "polygon", "holes", "margin"):
+        draw_field(column, props.forest, name)
+    layout.label(text="Terrain")
+    draw_settings(split(layout), props.forest.terrain)
+    layout.label(text="On the Map")
+    column = split(layout)
+    row = column.row(align=True)
+    row.prop(props, "offset")
+    row.operator("forest.take_offset", text="", icon="IMPORT")
+    column.prop(props, "crs")
 
 
 def _draw_files(row: bpy.types.UILayout) -> None:
@@ -410,20 +381,6 @@ def _draw_files(row: bpy.types.UILayout) -> None:
     for name, icon in (("load_scene", "FILE_FOLDER"), ("save_scene", "FILE_TICK")):
         row.operator(f"forest.{name}", text="", icon=icon, emboss=False)
     row.operator("forest.export_others", text="", icon="EXPORT", emboss=False)
-
-
-def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """The button that grows, with a star where settings have changed since, and Live beside it."""
-    row = layout.column(align=True) if is_narrow() else layout.row(align=True)
-    if "forest" not in scene.forest_sensing.results:
-        _build_or_progress(row, "OUTLINER_OB_CURVES", label("Grow Forest"))
-    else:
-        star = " *" if build.is_stale(scene) else ""
-        _build_or_progress(row, "FILE_REFRESH", label("Grow Forest") + star)
-    beside = row.row(align=True)
-    beside.scale_y = BIG
-    beside.ui_units_x = 0 if is_narrow() else 3
-    beside.prop(scene.forest_sensing, "live", toggle=True)
 
 
 def _draw_warning(layout: bpy.types.UILayout, lines: Sequence[str]) -> bpy.types.UILayout:

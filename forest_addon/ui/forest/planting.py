@@ -42,6 +42,8 @@ from ..shell.views import (
     PLANTED,
     chosen_planting,
     draw_lines,
+    draw_no_more,
+    draw_over,
     holds,
     line_shader,
     redraw_views,
@@ -71,7 +73,6 @@ KEYS = keep(
 )
 
 _working: FOREST_OT_plant | None = None
-_handle: Any = None
 
 
 class FOREST_OT_plant(WhenReady, bpy.types.Operator):
@@ -93,7 +94,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         return super().obstacle(context) if _working is None else ""
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        global _working, _handle
+        global _working
         if _working is not None:
             _working.over = True
             return {"CANCELLED"}
@@ -112,7 +113,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         self.area, self.grew = context.area, None
         self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
         _working = self
-        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+        draw_over(_draw)
         context.workspace.status_text_set(say(KEYS))
         context.window_manager.modal_handler_add(self)
         redraw_views()
@@ -153,7 +154,17 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         if event.type in ("ESC", "RET", "RIGHTMOUSE"):
             return self._end(context)
         if event.type == "LEFTMOUSE" and not event.alt:
-            self._press(context, event, place)
+            props, hand, xy = context.scene.forest_sensing, self.hand, tuple(place[:2])
+            hand.begin()
+            self.last = place
+            if event.shift:
+                self.stroke, self.moved = "move", hand.nearest(xy, REACH)
+            elif event.ctrl:
+                self.stroke = "clear"
+                hand.erase(xy, props.plant_radius)
+            else:
+                self.stroke = "plant"
+                hand.plant(chosen_planting(props), xy)
             return {"RUNNING_MODAL"}
         return self._key(context, event, place)
 
@@ -162,20 +173,6 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         self._end(context)
 
     clearing = False
-
-    def _press(self, context: bpy.types.Context, event: bpy.types.Event, place: Vector) -> None:
-        """Begin a stroke."""
-        props, hand, xy = context.scene.forest_sensing, self.hand, tuple(place[:2])
-        hand.begin()
-        self.last = place
-        if event.shift:
-            self.stroke, self.moved = "move", hand.nearest(xy, REACH)
-        elif event.ctrl:
-            self.stroke = "clear"
-            hand.erase(xy, props.plant_radius)
-        else:
-            self.stroke = "plant"
-            hand.plant(chosen_planting(props), xy)
 
     def _drag(self, context: bpy.types.Context, place: Vector) -> None:
         """Go on with a stroke."""
@@ -313,11 +310,9 @@ def _lines(ends: np.ndarray, colour: tuple[float, ...]) -> None:
 
 def unregister() -> None:
     """Leave nothing that draws."""
-    global _working, _handle
+    global _working
     _working = None
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+    draw_no_more(_draw)
 
 
 LOCAL = "OBJECT_OT_add_named"  # what Blender does when an asset of this file is dropped
@@ -357,7 +352,14 @@ class FOREST_OT_plant_dropped(bpy.types.Operator):
         area, region = region_below(context.window, event.mouse_x, event.mouse_y)
         with context.temp_override(area=area, region=region, selected_objects=[obj]):
             if region is not None:
-                _stand_below(bpy.context, obj)
+                low, high = obj.bound_box[0], obj.bound_box[6]
+                bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+                region = bpy.context.region
+                mouse = location_3d_to_region_2d(region, region.data, obj.matrix_world @ bottom)
+                place = None if mouse is None else _ground_seen(bpy.context, region, mouse)
+                if place is not None:
+                    obj.rotation_euler[:2] = 0.0, 0.0
+                    obj.location = place
                 context.view_layer.update()
             bpy.ops.forest.adopt_trees()
         return {"FINISHED"}
@@ -413,21 +415,6 @@ def is_of_forest(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
 
 def _role(obj: bpy.types.Object) -> str:
     return str(obj.get(ROLE_KEY, ""))
-
-
-def _stand_below(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Stand a tree upright where the mouse pointed at the ground.
-
-    Blender sets the middle of the box's bottom on the first face below the mouse, which may be of a crown.
-    """
-    low, high = obj.bound_box[0], obj.bound_box[6]
-    bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
-    region = context.region
-    mouse = location_3d_to_region_2d(region, region.data, obj.matrix_world @ bottom)
-    place = None if mouse is None else _ground_seen(context, region, mouse)
-    if place is not None:
-        obj.rotation_euler[:2] = 0.0, 0.0
-        obj.location = place
 
 
 WINDOW_HANDLERS = (

@@ -30,7 +30,7 @@ from ...formats.toml_file import read_settings, write_settings
 from ..settings.exchange import from_spec, to_spec
 from ..settings.groups import text_of
 from ..settings.preferences import rays_of
-from ..shell.running import Button, Reading, Taking, dropped
+from ..shell.running import Button, Reading, Taking, button, dropped
 from ..shell.views import choose_sensor
 from ..shell.words import say
 from ..species.edit import Edited, edited_species, from_folder, relocated
@@ -253,25 +253,22 @@ CLASSES = (
 )
 
 
-class FOREST_OT_take_offset(Button, bpy.types.Operator):
+@button("Take Offset from Files", Button)
+def take_offset(_button: Button, context: bpy.types.Context) -> str:
     """Take the offset that puts the field on the terrain, rasters or tables of trees that it names"""
+    from ...stand.files import ElsewhereError, read_inputs
 
-    bl_label = "Take Offset from Files"
-
-    def act(self, context: bpy.types.Context) -> str:
-        from ...stand.files import ElsewhereError, read_inputs
-
-        props, settings = context.scene.forest_sensing, to_spec(context.scene, [])
-        folder = Path(bpy.path.abspath(props.folder))
-        try:
-            read_inputs(settings, folder)
-        except ElsewhereError as refusal:
-            if refusal.offset is None:
-                raise
-            read_inputs(settings.changed(offset=refusal.offset), folder)  # where all files lie
-            props.offset = text_of(refusal.offset)
-            return say("The offset is {offset} now", offset=props.offset)
-        return say("The field lies on its files already")
+    props, settings = context.scene.forest_sensing, to_spec(context.scene, [])
+    folder = Path(bpy.path.abspath(props.folder))
+    try:
+        read_inputs(settings, folder)
+    except ElsewhereError as refusal:
+        if refusal.offset is None:
+            raise
+        read_inputs(settings.changed(offset=refusal.offset), folder)  # where all files lie
+        props.offset = text_of(refusal.offset)
+        return say("The offset is {offset} now", offset=props.offset)
+    return say("The field lies on its files already")
 
 
 class FOREST_OT_save_scene(Reading, bpy.types.Operator, ExportHelper):

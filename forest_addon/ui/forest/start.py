@@ -23,7 +23,7 @@ from ...blender.jobs import Work
 from ...spec import Scene
 from ..settings.drawing import split
 from ..settings.exchange import from_spec
-from ..shell.running import WhenReady, Working, current, press
+from ..shell.running import WhenReady, Working, current, menu, press
 from ..shell.views import icons, look_at, open_tab, region_of, views
 from ..shell.words import keep, label, say
 from .build import FOREST_OT_build
@@ -199,38 +199,28 @@ class FOREST_OT_start(_WithPreset, WhenReady, bpy.types.Operator):
         return say("{name} is set up. Press Grow Forest in the sidebar", name=name)
 
 
-class FOREST_MT_start(bpy.types.Menu):
+@menu("Forest")
+def start(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """Set-ups to start from"""
-
-    bl_label = "Forest"
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        draw_presets(self.layout, "forest.start")
-        self.layout.separator()
-        self.layout.operator("forest.add_flight", icon="EMPTY_SINGLE_ARROW")
+    draw_presets(menu.layout, "forest.start")
+    menu.layout.separator()
+    menu.layout.operator("forest.add_flight", icon="EMPTY_SINGLE_ARROW")
 
 
-class _Others:
-    """A menu of presets that the gallery does not show, by their titles."""
+def _others(name: str, starts: str) -> type:
+    """The menu of presets that the gallery does not show, by their titles; ``starts``: what they do."""
 
-    bl_label = "From Papers"
-    starts = "forest.start"
-
-    def draw(self, _context: bpy.types.Context) -> None:
+    def draw(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+        """Set-ups of published papers, and further forests"""
         shown = {card.preset for card in GALLERY}
         for file, title in presets():
             if file not in shown:
-                _draw_entry(self.layout, self.starts, file, title)  # type: ignore[attr-defined]
+                _draw_entry(menu.layout, starts, file, title)
+
+    return menu("From Papers")(draw, name)
 
 
-class FOREST_MT_more(_Others, bpy.types.Menu):
-    """Set-ups of published papers, and further forests"""
-
-
-class FOREST_MT_more_new(_Others, bpy.types.Menu):
-    """Set-ups of published papers, and further forests"""
-
-    starts = "forest.new"
+CLASSES = (_others("more", "forest.start"), _others("more_new", "forest.new"))
 
 
 def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str:
@@ -256,8 +246,8 @@ def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
         title = label(card.title)
         _draw_entry(layout, operator, card.preset, title, icon_value=icon_of(card.preset))
     layout.separator()
-    more = FOREST_MT_more_new if operator == "forest.new" else FOREST_MT_more
-    layout.menu(more.__name__, icon="DOCUMENTS")
+    more = "FOREST_MT_more_new" if operator == "forest.new" else "FOREST_MT_more"
+    layout.menu(more, icon="DOCUMENTS")
     layout.operator(operator, text="Empty", icon="FILE_NEW").preset = ""
 
 
@@ -273,7 +263,7 @@ def _draw_entry(
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in Add."""
-    menu.layout.menu(FOREST_MT_start.__name__, icon="OUTLINER_OB_CURVES")
+    menu.layout.menu(start.__name__, icon="OUTLINER_OB_CURVES")
 
 
 NEW_FILE = {"app_template": "", "use_empty": True}
@@ -339,13 +329,10 @@ class FOREST_OT_furnish(Working, bpy.types.Operator):
         return sentence
 
 
-class FOREST_MT_new(bpy.types.Menu):
+@menu("Forest")
+def new(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """Forests to start a new file with"""
-
-    bl_label = "Forest"
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        draw_presets(self.layout, "forest.new")
+    draw_presets(menu.layout, "forest.new")
 
 
 def draw_in_new(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
@@ -353,7 +340,7 @@ def draw_in_new(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     global _awaited
     _awaited = None  # who chooses anew has not started what was awaited
     menu.layout.separator()
-    menu.layout.menu(FOREST_MT_new.__name__, icon="OUTLINER_OB_CURVES")
+    menu.layout.menu(new.__name__, icon="OUTLINER_OB_CURVES")
 
 
 MENUS = (("VIEW3D_MT_add", draw_in_menu), ("TOPBAR_MT_file_new", draw_in_new))

@@ -17,7 +17,7 @@ from ...base.rng import stream
 from ...base.trimesh import LEAF
 from ...blender.scene import materials
 from ..settings.drawing import OfData, split
-from ..shell.running import WhenReady
+from ..shell.running import WhenReady, panel
 from ..shell.words import keep
 from ..species import edit
 
@@ -28,8 +28,7 @@ SETTINGS = ("species", "seed", "generations", "leaves")
 
 def species_items(_owner: Any = None, context: Any = None) -> list[tuple[str, str, str, int, int]]:
     """Presets, the user's own species and those edited in this file, as a menu; a leafy one first."""
-    props = (context or bpy.context).scene.forest_sensing
-    return edit.menu(props, LEAFY)
+    return edit.menu((context or bpy.context).scene.forest_sensing, LEAFY)
 
 
 def _settings() -> dict[str, Any]:
@@ -100,7 +99,7 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
     bl_label = "Grow Again"
     needs = (
         (
-            lambda context: _is_grown(context.object),
+            lambda context: _is_grown(context),
             keep("This is no tree of Add > Mesh > L-system Tree"),
         ),
         (
@@ -134,27 +133,22 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
         return ""
 
 
-class FOREST_PT_grown(OfData, bpy.types.Panel):
-    """The settings of a single tree, where Blender's own meshes have theirs."""
-
-    bl_label = "L-system Tree"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _is_grown(context.object)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        settings = context.object.data.forest_grown
-        column = split(self.layout)
-        for name in SETTINGS:
-            column.prop(settings, name)
-        row = self.layout.row(align=True)
-        row.operator("forest.grow_again", icon="FILE_REFRESH").new_seed = False
-        row.operator("forest.grow_again", text="New Seed", icon="ADD").new_seed = True
-
-
-def _is_grown(obj: bpy.types.Object | None) -> bool:
+def _is_grown(context: bpy.types.Context) -> bool:
+    """Return whether the active object is such a tree."""
+    obj = context.object
     return obj is not None and obj.type == "MESH" and bool(obj.data.forest_grown.grown)
+
+
+@panel("L-system Tree", OfData, needs=_is_grown)
+def grown(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    """The settings of a single tree, where Blender's own meshes have theirs."""
+    settings = context.object.data.forest_grown
+    column = split(tab.layout)
+    for name in SETTINGS:
+        column.prop(settings, name)
+    row = tab.layout.row(align=True)
+    row.operator("forest.grow_again", icon="FILE_REFRESH").new_seed = False
+    row.operator("forest.grow_again", text="New Seed", icon="ADD").new_seed = True
 
 
 def _grow(
@@ -193,13 +187,5 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 
 MENUS = (("VIEW3D_MT_mesh_add", draw_in_menu),)
-
-
-def register() -> None:
-    """Give meshes the settings."""
-    bpy.types.Mesh.forest_grown = bpy.props.PointerProperty(type=FOREST_PG_grown)
-
-
-def unregister() -> None:
-    """Take them back."""
-    del bpy.types.Mesh.forest_grown
+SETTINGS_OF_MESH = bpy.props.PointerProperty(type=FOREST_PG_grown)
+PROPERTIES = ((bpy.types.Mesh, "forest_grown", SETTINGS_OF_MESH),)

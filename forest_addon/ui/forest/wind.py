@@ -18,7 +18,7 @@ from ...blender.scene.layout import points_of_forest
 from ...blender.scene.nodes import LEVEL_KEY, NEAR, drawn_inputs, instancer_of, show_as, shown_of
 from ...spec import SpecError
 from ..settings.exchange import to_spec, usable
-from ..shell.running import Button, Working
+from ..shell.running import Button, Working, button
 from ..shell.views import redraw_views
 from ..shell.words import label, say
 from .build import fingerprint, read_site
@@ -142,17 +142,13 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
         return sentence
 
 
-class FOREST_OT_hide_wind(Button, bpy.types.Operator):
+@button("Hide Wind", Button, bl_options={"UNDO"})
+def hide_wind(_button: Button, context: bpy.types.Context) -> str:
     """Let the trees stand at rest in views and renders"""
+    from ...blender.show import wind
 
-    bl_label = "Hide Wind"
-    bl_options: ClassVar[set[str]] = {"UNDO"}
-
-    def act(self, context: bpy.types.Context) -> str:
-        from ...blender.show.wind import hide_wind
-
-        hide_wind(context.scene)
-        return ""
+    wind.hide_wind(context.scene)
+    return ""
 
 
 class FOREST_OT_bake_wind(Button, bpy.types.Operator):

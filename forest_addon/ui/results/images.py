@@ -145,25 +145,21 @@ def _written(labels: list[Label], shape: tuple[int, ...]) -> np.ndarray:
             blf.position(FONT, x - left * blf.dimensions(FONT, text)[0], y - below * tall, 0)
             blf.draw_buffer(FONT, text)
     if not hasattr(paper, "with_buffer"):
-        return _through_a_file(paper)
+        wide, high = paper.size
+        with tempfile.TemporaryDirectory(dir=bpy.app.tempdir) as folder:
+            file = str(Path(folder) / "labels.png")
+            try:
+                imbuf.write(paper, filepath=file)
+                image = bpy.data.images.load(file)
+            except (OSError, RuntimeError):
+                return np.zeros((high, wide))
+            pixels = np.zeros(high * wide * 4, dtype=np.float32)
+            if len(image.pixels) == len(pixels):
+                image.pixels.foreach_get(pixels)
+            bpy.data.images.remove(image)
+        return pixels.reshape(high, wide, 4)[..., 0]
     with paper.with_buffer() as pixels:
         return np.asarray(pixels)[..., 0] / 255.0
-
-
-def _through_a_file(paper: imbuf.types.ImBuf) -> np.ndarray:
-    wide, high = paper.size
-    with tempfile.TemporaryDirectory(dir=bpy.app.tempdir) as folder:
-        file = str(Path(folder) / "labels.png")
-        try:
-            imbuf.write(paper, filepath=file)
-            image = bpy.data.images.load(file)
-        except (OSError, RuntimeError):
-            return np.zeros((high, wide))
-        pixels = np.zeros(high * wide * 4, dtype=np.float32)
-        if len(image.pixels) == len(pixels):
-            image.pixels.foreach_get(pixels)
-        bpy.data.images.remove(image)
-    return pixels.reshape(high, wide, 4)[..., 0]
 
 
 def _small(plot: Plot) -> np.ndarray:

@@ -94,38 +94,33 @@ def let_go(blocks: Iterable[bpy.types.ID | None]) -> None:
     bpy.data.batch_remove([block for block in there if not block.users])
 
 
-def show_frame(scene: bpy.types.Scene) -> None:
-    """Give every result all that is kept of the frame that the scene is at."""
-    for result in scene.forest_sensing.results:
-        if not result.frames:
-            continue
-        now = scene.frame_current
-        before = [each for each in result.frames if each.frame <= now]
-        each = before[-1] if before else result.frames[0]
-        obj = scene.objects.get(result.shown)
-        ours = obj is not None and CLOUD_KEY in obj and FRAME_KEY in obj.data
-        if ours and each.points is not None and obj.data != each.points:
-            obj.data = each.points
-        speaker = scene.objects.get(result.name)
-        if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
-            speaker.data.sound = each.sound
-        if is_rendering():
-            continue
-        if each.picture is not None and result.picture != each.picture:
-            result.picture = each.picture
-        result.found = each.found
-        if each.said and each.said != _said_of(result):  # nothing, in files of before
-            figures, legend = json.loads(each.said)
-            result.figures.clear()
-            set_figures(result, figures)
-            set_legend(result, ((choice, name, colour) for name, choice, *colour in legend))
-            redraw_panels()
-
-
 @bpy.app.handlers.persistent
 def _to_frame(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
     if scene.is_editable:
-        show_frame(scene)
+        for result in scene.forest_sensing.results:
+            if not result.frames:
+                continue
+            now = scene.frame_current
+            before = [each for each in result.frames if each.frame <= now]
+            each = before[-1] if before else result.frames[0]
+            obj = scene.objects.get(result.shown)
+            ours = obj is not None and CLOUD_KEY in obj and FRAME_KEY in obj.data
+            if ours and each.points is not None and obj.data != each.points:
+                obj.data = each.points
+            speaker = scene.objects.get(result.name)
+            if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
+                speaker.data.sound = each.sound
+            if is_rendering():
+                continue
+            if each.picture is not None and result.picture != each.picture:
+                result.picture = each.picture
+            result.found = each.found
+            if each.said and each.said != _said_of(result):  # nothing, in files of before
+                figures, legend = json.loads(each.said)
+                result.figures.clear()
+                set_figures(result, figures)
+                set_legend(result, ((choice, name, colour) for name, choice, *colour in legend))
+                redraw_panels()
 
 
 SENSOR_KEY = "forest_result"  # on a sensor: the name of its result
@@ -139,21 +134,17 @@ def follow_names(scene: bpy.types.Scene) -> None:
         if told != name and told in scene.objects:  # it is a copy
             del obj[SENSOR_KEY]
         elif told in results and name not in results:
-            _rename(scene, results[told], name)
+            result = results[told]
+            from ...blender.show.cloud import rename_cloud  # brings in scipy
+
+            if result.title == result.name:
+                result.title = name
+            result.name = name
+            shown = scene.objects.get(result.shown)
+            if shown is not None and CLOUD_KEY in shown:
+                rename_cloud(shown, file_name(name))
+                result.shown = shown.name
             obj[SENSOR_KEY] = name
-
-
-def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
-    """Call a result otherwise, and its points, unless the user has named those."""
-    from ...blender.show.cloud import rename_cloud  # brings in scipy
-
-    if result.title == result.name:
-        result.title = name
-    result.name = name
-    shown = scene.objects.get(result.shown)
-    if shown is not None and CLOUD_KEY in shown:
-        rename_cloud(shown, file_name(name))
-        result.shown = shown.name
 
 
 @bpy.app.handlers.persistent

@@ -32,7 +32,7 @@ from ...formats.wav import write_wav
 from ...results.coordinates import Offset
 from ...spec import SpecError
 from ..settings.drawing import OnceStarted, icon_of, is_narrow, split
-from ..shell.running import Button, Reading
+from ..shell.running import Button, Reading, panel
 from ..shell.views import icons, region_of, select
 from ..shell.words import keep, label, label_of_kept, say
 from .keep import blocks_of, let_go, points_of, record_of
@@ -80,20 +80,17 @@ def _icon(colour: tuple[float, float, float]) -> int:
     return int(icons()[name].icon_id)
 
 
-class FOREST_PT_results(OnceStarted, bpy.types.Panel):
-    bl_label = "Results"
-    bl_order = 2
-
-    def draw(self, context: bpy.types.Context) -> None:
-        results = context.scene.forest_sensing.results
-        if not results:
-            self.layout.label(text="Nothing has run yet", icon="INFO")
-        if any(result.stale for result in results):
-            column = self.layout.column(align=True)  # beside the button the words would be cut off
-            column.label(text="Some are from before the last change", icon="TIME")
-            column.operator("forest.run", text="Run Again", icon="FILE_REFRESH").again = True
-        for result in results:
-            _draw_result(self.layout, result)
+@panel("Results", OnceStarted, bl_order=2)
+def results(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    known = context.scene.forest_sensing.results
+    if not known:
+        tab.layout.label(text="Nothing has run yet", icon="INFO")
+    if any(result.stale for result in known):
+        column = tab.layout.column(align=True)  # beside the button the words would be cut off
+        column.label(text="Some are from before the last change", icon="TIME")
+        column.operator("forest.run", text="Run Again", icon="FILE_REFRESH").again = True
+    for result in known:
+        _draw_result(tab.layout, result)
 
 
 def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:

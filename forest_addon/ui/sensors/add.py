@@ -19,7 +19,7 @@ from ...blender.scene.layout import RESULTS, find_part
 from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS
 from ..settings.exchange import add_sensor
-from ..shell.running import Button
+from ..shell.running import Button, button, menu
 from ..shell.views import choose_sensor, chosen_sensor
 from ..shell.words import keep, say
 
@@ -38,7 +38,7 @@ class Around:
     high: Point
 
     def reach(self, axis: int) -> tuple[float, float]:
-        """From where to where there is something to sense along x or y, not too far from the foot."""
+        """Interval along x or y in which there is something to sense, not too far from the foot."""
         here = self.foot[axis]
         return (
             min(max(self.low[axis], here - AROUND), here - 5.0),
@@ -261,63 +261,52 @@ class FOREST_OT_add_sensor(Button, bpy.types.Operator):
         return ""
 
 
-class FOREST_OT_scan_here(Button, bpy.types.Operator):
+@button("Scan This Scene", Button)
+def scan_here(_button: Button, context: bpy.types.Context) -> str:
     """Put a LiDAR scanner on a tripod at the 3D cursor, in any scene: no forest is needed"""
-
-    bl_label = "Scan This Scene"
-
-    def act(self, context: bpy.types.Context) -> str:
-        obj = put(context, "terrestrial")
-        return say("{name} stands at the 3D cursor. Press Run", name=obj.name)
+    obj = put(context, "terrestrial")
+    return say("{name} stands at the 3D cursor. Press Run", name=obj.name)
 
 
-class FOREST_OT_remove_sensor(Button, bpy.types.Operator):
+@button("Remove Sensor", Button, needs=((chosen_sensor, keep("There is no sensor to remove")),))
+def remove_sensor(_button: Button, context: bpy.types.Context) -> str:
     """Remove the chosen sensor; what it found stays"""
-
-    bl_label = "Remove Sensor"
-    needs = ((chosen_sensor, keep("There is no sensor to remove")),)
-
-    def act(self, context: bpy.types.Context) -> str:
-        sensors.remove_sensor(chosen_sensor(context))
-        return ""
+    sensors.remove_sensor(chosen_sensor(context))
+    return ""
 
 
-class FOREST_OT_adopt_sensor(Button, bpy.types.Operator):
+FOREIGN = (
+    lambda context: (
+        (obj := context.view_layer.objects.active) is not None
+        and sensors.is_foreign(context.scene, obj)
+    ),
+    keep("The active object is no sensor of another file or scene"),
+)
+
+
+@button("Adopt Sensor", Button, needs=(FOREIGN,))
+def adopt_sensor(_button: Button, context: bpy.types.Context) -> str:
     """Make a sensor that came from another file or scene one of this scene, with its receiver or path"""
-
-    bl_label = "Adopt Sensor"
-    needs = (
-        (
-            lambda context: (
-                (obj := context.view_layer.objects.active) is not None
-                and sensors.is_foreign(context.scene, obj)
-            ),
-            keep("The active object is no sensor of another file or scene"),
-        ),
-    )
-
-    def act(self, context: bpy.types.Context) -> str:
-        made = sensors.adopt(context.scene, context.view_layer.objects.active)
-        context.view_layer.update()
-        choose_sensor(context, made)
-        return say("{name} is a sensor of this scene now", name=made.name)
+    made = sensors.adopt(context.scene, context.view_layer.objects.active)
+    context.view_layer.update()
+    choose_sensor(context, made)
+    return say("{name} is a sensor of this scene now", name=made.name)
 
 
-class FOREST_MT_sensors(bpy.types.Menu):
+def _draw_starts(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """Sensors to add"""
+    menu.layout.operator_context = "EXEC_DEFAULT"
+    for which, start in STARTS.items():
+        added = menu.layout.operator("forest.add_sensor", text=start.title, icon=start.icon)
+        added.kind = which
 
-    bl_label = "Sensor"
 
-    def draw(self, _context: bpy.types.Context) -> None:
-        self.layout.operator_context = "EXEC_DEFAULT"
-        for which, start in STARTS.items():
-            added = self.layout.operator("forest.add_sensor", text=start.title, icon=start.icon)
-            added.kind = which
+CLASSES = (menu("Sensor")(_draw_starts, "sensors"),)
 
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in Add."""
-    menu.layout.menu(FOREST_MT_sensors.__name__, icon="OUTLINER_OB_LIGHTPROBE")
+    menu.layout.menu("FOREST_MT_sensors", icon="OUTLINER_OB_LIGHTPROBE")
 
 
 MENUS = (("VIEW3D_MT_add", draw_in_menu),)

@@ -18,7 +18,7 @@ from ...blender.jobs import Task, Work
 from ...blender.scene.layout import RESULTS, part
 from ..settings.drawing import BIG, OfSensors, draw_settings, split
 from ..settings.exchange import add_sensor, to_spec
-from ..shell.running import Button, Working, getting_ready
+from ..shell.running import Button, Working, button, getting_ready, panel
 from ..shell.views import choose_sensor
 from ..shell.words import say
 
@@ -35,28 +35,24 @@ POLICIES = (
 )
 
 
-class FOREST_OT_add_flight(Button, bpy.types.Operator):
+@button("Flight", Button)
+def add_flight(_button: Button, context: bpy.types.Context) -> str:
     """Add a flyer with a LiDAR and two ears that go along with it"""
+    from ...flight.senses import LIDAR, SONAR
 
-    bl_label = "Flight"
-
-    def act(self, context: bpy.types.Context) -> str:
-        from ...flight.senses import LIDAR, SONAR
-
-        scene = context.scene
-        obj = bpy.data.objects.new(NAME, None)
-        obj.empty_display_type, obj.empty_display_size = "ARROWS", 0.5
-        obj[FLYER_KEY] = True
-        obj.location = scene.cursor.location
-        height = scene.forest_sensing.flight.height
-        obj.location.z = max(obj.location.z, height)
-        scene.collection.objects.link(obj)
-        for settings in (LIDAR.changed(poses=()), SONAR):
-            made = add_sensor(scene, settings.changed(follow=obj.name))
-            made.name = f"{obj.name} {settings.name}"
-        context.view_layer.update()
-        choose_sensor(context, made)
-        return ""
+    scene = context.scene
+    obj = bpy.data.objects.new(NAME, None)
+    obj.empty_display_type, obj.empty_display_size = "ARROWS", 0.5
+    obj[FLYER_KEY] = True
+    obj.location = scene.cursor.location
+    obj.location.z = max(obj.location.z, scene.forest_sensing.flight.height)
+    scene.collection.objects.link(obj)
+    for settings in (LIDAR.changed(poses=()), SONAR):
+        made = add_sensor(scene, settings.changed(follow=obj.name))
+        made.name = f"{obj.name} {settings.name}"
+    context.view_layer.update()
+    choose_sensor(context, made)
+    return ""
 
 
 def flyer_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
@@ -130,16 +126,13 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
         }[track.end]
 
 
-class FOREST_PT_flight(OfSensors, bpy.types.Panel):
+@panel(spec.Flight.TITLE, OfSensors)
+def flight(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """Panel of a flyer: what its body can do, and where it is to go."""
-
-    bl_label = spec.Flight.TITLE
-
-    def draw(self, context: bpy.types.Context) -> None:
-        row = self.layout.row(align=True)
-        row.scale_y = BIG
-        if flyer_of(context.scene) is None:
-            row.operator("forest.add_flight", text="Add a Flyer", icon="EMPTY_SINGLE_ARROW")
-        else:
-            row.operator_menu_enum("forest.fly", "policy", text="Fly", icon="PLAY")
-        draw_settings(split(self.layout), context.scene.forest_sensing.flight)
+    row = tab.layout.row(align=True)
+    row.scale_y = BIG
+    if flyer_of(context.scene) is None:
+        row.operator("forest.add_flight", text="Add a Flyer", icon="EMPTY_SINGLE_ARROW")
+    else:
+        row.operator_menu_enum("forest.fly", "policy", text="Fly", icon="PLAY")
+    draw_settings(split(tab.layout), context.scene.forest_sensing.flight)

@@ -25,7 +25,14 @@ from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
 from ..shell.running import PROBLEMS, WhenReady, current, in_words
-from ..shell.views import chosen_sensor, redraw_views, region_of, views
+from ..shell.views import (
+    chosen_sensor,
+    draw_no_more,
+    draw_over,
+    redraw_views,
+    region_of,
+    views,
+)
 from ..shell.words import keep, label, say
 
 TICK, QUIET = 0.05, 0.5  # s between two looks; s without a change before the scene is read again
@@ -104,7 +111,6 @@ class Eye:
 
 
 _eye: Eye | None = None
-_handle: Any = None
 _reading = False
 
 
@@ -152,25 +158,23 @@ def eye() -> Eye | None:
 
 def begin(scene: bpy.types.Scene) -> Eye:
     """Look through the chosen scanner of a scene from now on."""
-    global _eye, _handle
+    global _eye
     end()
     _eye = Eye(scene.session_uid)
     if not bpy.app.background:
         bpy.app.timers.register(_tick, first_interval=TICK)
-        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
+    draw_over(_draw, "POST_PIXEL")
     return _eye
 
 
 @bpy.app.handlers.persistent
 def end(*_: object) -> None:
     """Look no longer, and leave nothing behind."""
-    global _eye, _handle
+    global _eye
     _eye = None
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+    draw_no_more(_draw)
     redraw_views()
 
 

@@ -46,7 +46,7 @@ from ..settings.drawing import (
     split,
 )
 from ..settings.presets import draw_presets
-from ..shell.running import current, draw_job
+from ..shell.running import current, draw_job, menu, panel
 from ..shell.views import chosen, chosen_sensor, chosen_settings
 from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
@@ -74,7 +74,7 @@ def _is_seen(obj: Any) -> bool:
     return not obj.get(IGNORED_KEY, False)
 
 
-def _kind(obj: Any) -> int:
+def _optics(obj: Any) -> int:
     kind = obj.get(KIND_KEY, "")
     return OPTICS.index(kind) if kind in OPTICS else 0
 
@@ -103,7 +103,7 @@ def _say(obj: Any, key: str, value: Any) -> None:
 
 
 REFLECTANCE = _number(REFLECTANCE_KEY, 0.0, 1.0, lambda _: spec.Surfaces().other)
-PROPERTIES = {
+OF_OBJECTS = {
     "forest_seen": bpy.props.BoolProperty(
         name="Seen by Sensors",
         description="LiDAR, sonar and reverb meet this object; off: they pass through it",
@@ -134,13 +134,13 @@ PROPERTIES = {
                 for kind in spec.POLISHED
             ),
         ],
-        get=_kind,
+        get=_optics,
         set=lambda obj, number: _say(obj, KIND_KEY, OPTICS[number] or None),
     ),
     "forest_refraction": bpy.props.FloatProperty(
         name="Index",
         description="Refractive index of the glass or the water",
-        **_number(INDEX_KEY, 1.0, 5.0, lambda obj: spec.USUAL_INDEX.get(OPTICS[_kind(obj)], 1.0)),
+        **_number(INDEX_KEY, 1.0, 5.0, lambda obj: spec.USUAL_INDEX.get(OPTICS[_optics(obj)], 1.0)),
     ),
     "forest_mirrored": bpy.props.FloatProperty(
         name="Sends On",
@@ -157,19 +157,7 @@ PROPERTIES = {
 }
 
 
-def register() -> None:
-    """Give objects these properties."""
-    for name, prop in PROPERTIES.items():
-        setattr(bpy.types.Object, name, prop)
-
-
-def unregister() -> None:
-    """Take them back; what they have set stays with the objects."""
-    for name in PROPERTIES:
-        if hasattr(bpy.types.Object, name):
-            delattr(bpy.types.Object, name)
-
-
+PROPERTIES = tuple((bpy.types.Object, name, prop) for name, prop in OF_OBJECTS.items())
 Context = bpy.types.Context
 
 
@@ -346,100 +334,90 @@ class FOREST_OT_choose_instrument(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class FOREST_MT_instruments(bpy.types.Menu):
+def draw_instruments(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Instruments that are used on what carries the chosen sensor"""
+    obj = chosen_sensor(context)
+    if obj is None:
+        return
+    kind = sensors.kind_of(obj)
+    for name, file in instruments().items():
+        if kind in file.tables:
+            choose = menu.layout.operator("forest.choose_instrument", text=short(file.title))
+            choose.scanner = name
+    menu.layout.operator("forest.choose_instrument", text=label(OWN)).scanner = ""
 
-    bl_label = "Instruments"
 
-    def draw(self, context: bpy.types.Context) -> None:
-        obj = chosen_sensor(context)
-        if obj is None:
-            return
-        kind = sensors.kind_of(obj)
-        for name, file in instruments().items():
-            if kind in file.tables:
-                choose = self.layout.operator("forest.choose_instrument", text=short(file.title))
-                choose.scanner = name
-        none = self.layout.operator("forest.choose_instrument", text=label(OWN))
-        none.scanner = ""
+INSTRUMENTS = menu("Instruments")(draw_instruments, "instruments")
 
 
 AXES = (keep("Rotation X"), keep("Rotation Y"), keep("Rotation Z"))
 
 
-class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
-    bl_label = "Sensors"
-    bl_order = 1
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, props = self.layout, context.scene.forest_sensing
-        known = sensors.sensors_of(context.scene)
-        home = sensors.home_of(context.scene, known)
-        row = layout.row()
-        if home is not None and known:
-            listed = ("FOREST_UL_sensors", "", home, "objects", props, "active_sensor")
-            row.template_list(*listed, rows=3)
-        else:
-            row.label(text="No sensor yet: add one", icon="INFO")
-        buttons = row.column(align=True)
-        buttons.menu("FOREST_MT_sensors", text="", icon="ADD")
-        buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
-        draw_adopt(layout, context, context.view_layer.objects.active)
-        obj = chosen_sensor(context, known)
-        _draw_run(layout, obj)
-        result = None if obj is None else context.scene.forest_sensing.results.get(obj.name)
-        if result is not None:
-            draw_found(layout, result)
-        draw_switch(layout, context, obj)
-        if is_narrow():
-            layout.label(text="Save To")
-        text = "" if is_narrow() else "Save To"
-        split(layout).prop(props, "output", text=text, placeholder="In this file alone")
+def _draw_sensors(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    layout, props = tab.layout, context.scene.forest_sensing
+    known = sensors.sensors_of(context.scene)
+    home = sensors.home_of(context.scene, known)
+    row = layout.row()
+    if home is not None and known:
+        listed = ("FOREST_UL_sensors", "", home, "objects", props, "active_sensor")
+        row.template_list(*listed, rows=3)
+    else:
+        row.label(text="No sensor yet: add one", icon="INFO")
+    buttons = row.column(align=True)
+    buttons.menu("FOREST_MT_sensors", text="", icon="ADD")
+    buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
+    draw_adopt(layout, context, context.view_layer.objects.active)
+    obj = chosen_sensor(context, known)
+    _draw_run(layout, obj)
+    result = None if obj is None else props.results.get(obj.name)
+    if result is not None:
+        draw_found(layout, result)
+    draw_switch(layout, context, obj)
+    if is_narrow():
+        layout.label(text="Save To")
+    text = "" if is_narrow() else "Save To"
+    split(layout).prop(props, "output", text=text, placeholder="In this file alone")
 
 
-class FOREST_PT_sensor(OfSensors, bpy.types.Panel):
+EVERY = panel("Sensors", OnceStarted, bl_order=1)(_draw_sensors, "sensors")
+
+
+@panel(
+    "Sensor Settings",
+    OfSensors,
+    needs=chosen_sensor,
+    draw_header_preset=lambda tab, context: draw_presets(
+        tab.layout, sensors.kind_of(chosen_sensor(context))
+    ),
+)
+def sensor(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """Settings of the chosen sensor."""
-
-    bl_label = "Sensor Settings"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and chosen_sensor(context) is not None
-
-    def draw_header_preset(self, context: bpy.types.Context) -> None:
-        draw_presets(self.layout, sensors.kind_of(chosen_sensor(context)))
-
-    def draw(self, context: bpy.types.Context) -> None:
-        obj = chosen_sensor(context)
-        column = split(self.layout)
-        column.prop(obj, "name")
-        column.prop(context.scene.forest_sensing, "advanced")
-        _draw_sensor(self.layout, obj)
+    obj = chosen_sensor(context)
+    column = split(tab.layout)
+    column.prop(obj, "name")
+    column.prop(context.scene.forest_sensing, "advanced")
+    _draw_sensor(tab.layout, obj)
 
 
-class FOREST_PT_sensor_data(OfData, bpy.types.Panel):
+@panel(
+    "Forest Sensor",
+    OfData,
+    needs=lambda context: context.object is not None and sensors.kind_of(context.object) in KINDS,
+)
+def _sensor_data(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """The same in the Properties editor, where Blender's own cameras and lamps have theirs."""
-
-    bl_label = "Forest Sensor"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        obj = context.object
-        return obj is not None and sensors.kind_of(obj) in KINDS
-
-    def draw(self, context: bpy.types.Context) -> None:
-        obj = context.object
-        draw_adopt(self.layout, context, obj)
-        if obj not in sensors.sensors_of(context.scene):
-            return
-        row, job = self.layout.row(align=True), current()
-        if job is not None:
-            draw_job(row, job)
-        else:
-            run = row.operator("forest.run", icon="PLAY")
-            run.sensor, run.frames = obj.name, "THIS"
-        split(self.layout).prop(context.scene.forest_sensing, "advanced")
-        _draw_sensor(self.layout, obj)
+    obj = context.object
+    draw_adopt(tab.layout, context, obj)
+    if obj not in sensors.sensors_of(context.scene):
+        return
+    row, job = tab.layout.row(align=True), current()
+    if job is not None:
+        draw_job(row, job)
+    else:
+        run = row.operator("forest.run", icon="PLAY")
+        run.sensor, run.frames = obj.name, "THIS"
+    split(tab.layout).prop(context.scene.forest_sensing, "advanced")
+    _draw_sensor(tab.layout, obj)
 
 
 def _draw_run(layout: bpy.types.UILayout, obj: bpy.types.Object | None) -> None:
@@ -491,7 +469,7 @@ def _draw_sensor(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     hidden = {"name", *record.posed, *references.HEARD_TYPES}
     if "scanner" in group.shown:
         row = split(layout).row(heading="Instrument")
-        row.menu(FOREST_MT_instruments.__name__, text=instrument_title(group))
+        row.menu(INSTRUMENTS.__name__, text=instrument_title(group))
     draw_settings(split(layout), group, hidden)
     for part in group.nested:
         header, body = folded(layout, f"FOREST_{kind}_{part}")
@@ -519,55 +497,36 @@ def _draw_sensor(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
                 split(layout).prop(chosen(group, items), "thing")
 
 
-class FOREST_PT_thing(OfSensors, bpy.types.Panel):
+@panel("This Object", OfSensors, needs=seen_thing)
+def thing(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """Panel of the active object as sensors see it."""
-
-    bl_label = "This Object"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and seen_thing(context) is not None
-
-    def draw(self, context: bpy.types.Context) -> None:
-        obj = seen_thing(context)
-        column = split(self.layout)
-        column.prop(obj, "name")
-        column.prop(obj, "forest_seen")
-        if is_unrendered(obj):
-            column.label(text="Not in renders; sensed all the same", icon="INFO")
-        column.prop(obj, "forest_reflects")
-        if obj.forest_reflects:
-            column.prop(obj, "forest_reflected")
-        column.prop(obj, "forest_polish")
-        if obj.forest_polish == "MIRROR":
-            column.prop(obj, "forest_mirrored")
-        elif obj.forest_polish == "RETRO":
-            column.prop(obj, "forest_gained")
-        elif obj.forest_polish != "NONE":
-            column.prop(obj, "forest_refraction")
+    obj = seen_thing(context)
+    column = split(tab.layout)
+    column.prop(obj, "name")
+    column.prop(obj, "forest_seen")
+    if is_unrendered(obj):
+        column.label(text="Not in renders; sensed all the same", icon="INFO")
+    column.prop(obj, "forest_reflects")
+    if obj.forest_reflects:
+        column.prop(obj, "forest_reflected")
+    column.prop(obj, "forest_polish")
+    more = {"NONE": "", "MIRROR": "forest_mirrored", "RETRO": "forest_gained"}
+    if name := more.get(obj.forest_polish, "forest_refraction"):
+        column.prop(obj, name)
 
 
-class FOREST_PT_air(OfSensors, bpy.types.Panel):
-    bl_label = "Air"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        draw_settings(split(self.layout), context.scene.forest_sensing.air)
+@panel("Air", OfSensors)
+def air(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    draw_settings(split(tab.layout), context.scene.forest_sensing.air)
 
 
-class FOREST_PT_wind(OfSensors, bpy.types.Panel):
-    bl_label = "Wind"
-
-    def draw_header_preset(self, _context: bpy.types.Context) -> None:
-        draw_presets(self.layout, "wind")
-
-    def draw(self, context: bpy.types.Context) -> None:
-        draw_settings(split(self.layout), context.scene.forest_sensing.wind)
-        draw_wind(self.layout, context.scene)
+@panel("Wind", OfSensors, draw_header_preset=lambda tab, _: draw_presets(tab.layout, "wind"))
+def wind(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    draw_settings(split(tab.layout), context.scene.forest_sensing.wind)
+    draw_wind(tab.layout, context.scene)
 
 
-class FOREST_PT_rays(OfSensors, bpy.types.Panel):
-    bl_label = spec.Rays.TITLE
-
-    def draw(self, context: bpy.types.Context) -> None:
-        draw_settings(split(self.layout), context.scene.forest_sensing.rays)
-        draw_settings(split(self.layout), context.scene.forest_sensing.accuracy)
+@panel(spec.Rays.TITLE, OfSensors)
+def rays(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    draw_settings(split(tab.layout), context.scene.forest_sensing.rays)
+    draw_settings(split(tab.layout), context.scene.forest_sensing.accuracy)

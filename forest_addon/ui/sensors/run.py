@@ -26,7 +26,16 @@ from ..results.keep import begin_frames
 from ..settings.drawing import split
 from ..settings.exchange import to_spec
 from ..settings.preferences import expansions, rays_of
-from ..shell.running import PROBLEMS, WhenReady, Working, duration, getting_ready, in_words, press
+from ..shell.running import (
+    PROBLEMS,
+    WhenReady,
+    Working,
+    duration,
+    getting_ready,
+    in_words,
+    menu,
+    press,
+)
 from ..shell.words import keep, label, say
 from .panels import is_unrendered
 
@@ -75,8 +84,7 @@ def triangles_in(scene: bpy.types.Scene) -> int:
 def chosen_things(scene: bpy.types.Scene, name: str, again: bool = False) -> list[bpy.types.Object]:
     """The sensor of this name, all where it is empty. again : only those whose result is of the forest that
     stood before."""
-    results = scene.forest_sensing.results
-    stale = {result.name for result in results if result.stale}
+    stale = {result.name for result in scene.forest_sensing.results if result.stale}
     chosen = [obj for obj in sensors.sensors_of(scene) if name in ("", obj.name)]
     return [obj for obj in chosen if obj.name in stale] if again else chosen
 
@@ -437,27 +445,19 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         return say(", saved as {path}", path=path)
 
 
-class FOREST_MT_forest(bpy.types.Menu):
+FOUND = ("build", "new_seed", "run", "run_frames", "look_through", "load_scene", "save_scene")
+
+
+@menu("Forest")
+def forest(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """Menu through which a search by F3 finds what grows and runs: it looks through those of the view."""
-
-    bl_label = "Forest"
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        for name in (
-            "build",
-            "new_seed",
-            "run",
-            "run_frames",
-            "look_through",
-            "load_scene",
-            "save_scene",
-        ):
-            self.layout.operator(f"forest.{name}")
+    for name in FOUND:
+        menu.layout.operator(f"forest.{name}")
 
 
 def draw_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in the view's menu *Object*."""
-    menu.layout.menu(FOREST_MT_forest.__name__, icon="OUTLINER_OB_CURVES")
+    menu.layout.menu(forest.__name__, icon="OUTLINER_OB_CURVES")
 
 
 MENUS = (("VIEW3D_MT_object", draw_menu),)

@@ -37,29 +37,29 @@ def icon_of(kind: str) -> str:
 
 
 class Tab:
-    """Place of our panels."""
+    """Place of our panels. ready, needs : what must hold of the context for one of its sort, and for it."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Forest"
+    ready = needs = staticmethod(lambda _context: True)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(cls.ready(context) and cls.needs(context))
 
 
 class OnceStarted(Tab):
     """A panel that appears when there are settings to show."""
 
     bl_order = 1  # Species comes first
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return not untouched(context.scene.forest_sensing)
+    ready = staticmethod(lambda context: not untouched(context.scene.forest_sensing))
 
 
 class WithForest(OnceStarted):
     """A panel that appears when a forest is to stand here; who senses a scene of his own needs none."""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return not forestless(context.scene.forest_sensing)
+    ready = staticmethod(lambda context: not forestless(context.scene.forest_sensing))
 
 
 class OfForest(WithForest):
@@ -76,11 +76,12 @@ class OfSensors(OnceStarted):
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
 
-class OfData:
+class OfData(Tab):
     """A panel in the Properties editor, where Blender's own meshes, cameras and lamps have theirs."""
 
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
+    bl_category = ""
     bl_context = "data"
 
 
@@ -107,8 +108,7 @@ def draw_settings(
     layout: bpy.types.UILayout, group: Any, hidden: Collection[str] = frozenset()
 ) -> None:
     """The settings of a group that have an effect now, in the order of ``spec``; the basic ones or all."""
-    kind = type(group)
-    every, basic = _by_depth(kind)
+    every, basic = _by_depth(type(group))
     if every is not basic and bpy.context.scene.forest_sensing.advanced:
         basic = every
     for name in basic:

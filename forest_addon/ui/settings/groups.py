@@ -152,7 +152,7 @@ ROOM = 6  # digits of an angle that are kept: Blender's numbers have no more
 
 
 def factor_of(field: Field) -> float:
-    """By how much a value of a setting is multiplied when it is shown; 1: as it is stored."""
+    """Factor by which a value of a setting is multiplied when it is shown; 1: as it is stored."""
     if field.param.unit == "deg":
         return DEGREE
     values = field.start if isinstance(field.start, tuple) else (field.start,)
@@ -334,7 +334,13 @@ def make_group(
 
 def words_of(field: Field) -> dict[str, Any]:
     """Name and help of a field's property."""
-    return {"name": label_of(field.name, field.param), "description": help_of(field.param)}
+    text = field.param.help.replace("left out:", "off:").replace("Left out:", "Off:")  # its switch
+    if field.param.auto:  # a number here, a word in files
+        text = text.replace("auto:", "-1, automatic:")
+    return {
+        "name": label_of(field.name, field.param),
+        "description": (text if "α" <= text[:1] <= "ω" else text[:1].upper() + text[1:]),
+    }
 
 
 def label_of(name: str, known: Param) -> str:
@@ -378,7 +384,14 @@ def property_of(field: Field, update: Update = _noticed) -> Any:
     if item is bool:
         return (BoolVectorProperty if size else BoolProperty)(default=default, **words)
     if item is str:
-        return _text_property(name, known, default, words)
+        if known.choices:
+            items = [
+                (choice, title_of(name, choice), meaning_of(name, choice) or words["description"])
+                for choice in known.choices
+            ]
+            return EnumProperty(items=items, default=default, **words)
+        words |= offered(name, known)
+        return StringProperty(default="" if default is dataclasses.MISSING else default, **words)
     if default is dataclasses.MISSING:
         least = max(known.minimum, 1.0 if known.open_minimum else 0.0)
         default = (least,) * size if size else least
@@ -403,17 +416,6 @@ def property_of(field: Field, update: Update = _noticed) -> Any:
     return (FloatVectorProperty if size else FloatProperty)(**words)
 
 
-def _text_property(name: str, known: Param, default: Any, words: dict[str, Any]) -> Any:
-    if known.choices:
-        items = [
-            (choice, title_of(name, choice), meaning_of(name, choice) or words["description"])
-            for choice in known.choices
-        ]
-        return EnumProperty(items=items, default=default, **words)
-    words |= offered(name, known)
-    return StringProperty(default="" if default is dataclasses.MISSING else default, **words)
-
-
 def _limits(item: type, known: Param) -> dict[str, Any]:
     """Hard limits; a minimum that is not itself allowed is left to ``spec`` to refuse in words."""
     limits: dict[str, Any] = {}
@@ -435,14 +437,6 @@ def _how_shown(known: Param, values: Iterable[float]) -> dict[str, int]:
     fine = 2 if known.maximum - known.minimum <= 20 else 1
     least = 4 if known.unit in UNITS else fine  # Blender itself drops zeros before a unit
     return {"precision": min(6, max(least, digits)), "step": max(1, min(100, step))}
-
-
-def help_of(known: Param) -> str:
-    """Purpose of a field, as a panel says it."""
-    text = known.help.replace("left out:", "off:").replace("Left out:", "Off:")  # its switch
-    if known.auto:  # a number here, a word in files
-        text = text.replace("auto:", "-1, automatic:")
-    return text if "α" <= text[:1] <= "ω" else text[:1].upper() + text[1:]  # a symbol is no word
 
 
 def group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.PropertyGroup]:

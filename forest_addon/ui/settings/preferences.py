@@ -30,7 +30,7 @@ from ... import spec
 from ...base import places
 from ...base.places import ROOT
 from ...spec import Settings
-from ..shell.running import Reading
+from ..shell.running import Reading, button
 from ..shell.words import keep, label, say
 from .groups import FACE, fields_of, property_of
 
@@ -65,17 +65,16 @@ class FOREST_AP_preferences(bpy.types.AddonPreferences):
         row.operator("forest.add_library", icon="ASSET_MANAGER")
 
 
-class FOREST_OT_clear_cache(Reading, bpy.types.Operator):
+CACHED = (lambda _context: cache_folder().is_dir(), keep("The cache is empty"))
+
+
+@button("Clear Cache", Reading, needs=(CACHED,))
+def clear_cache(_button: Reading, _context: bpy.types.Context) -> str:
     """Remove what is cached; it is computed again when it is needed"""
-
-    bl_label = "Clear Cache"
-    needs = ((lambda _context: cache_folder().is_dir(), keep("The cache is empty")),)
-
-    def act(self, _context: bpy.types.Context) -> str:
-        size = cache_size()
-        shutil.rmtree(cache_folder(), ignore_errors=True)
-        expansions.cache_clear()
-        return say("{size} were removed", size=_megabytes(size))
+    size = cache_size()
+    shutil.rmtree(cache_folder(), ignore_errors=True)
+    expansions.cache_clear()
+    return say("{size} were removed", size=_megabytes(size))
 
 
 def chosen() -> Any:

@@ -29,7 +29,7 @@ from ...blender.sensors import objects as sensors
 from ...blender.show.intensity import HANDLE_KEY
 from ...formats.toml_file import read_scanner, scanner_names
 from ...spec import Param, SpecError
-from ..shell.running import Button
+from ..shell.running import Button, button
 from ..shell.words import keep, say
 
 
@@ -275,25 +275,22 @@ KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
 log = logging.getLogger(__name__)
 
 
-class FOREST_OT_take_note(Button, bpy.types.Operator):
+NOTICED = (
+    lambda context: context.scene.forest_sensing.notice,
+    keep("There is nothing to take note of"),
+)
+
+
+def _help_of_note(_cls: type, context: bpy.types.Context, _properties: Any) -> str:
+    notice = context.scene.forest_sensing.notice
+    return say("{notice}. Press to take this line away", notice=notice)
+
+
+@button("Dismiss", Button, needs=(NOTICED,), description=classmethod(_help_of_note))
+def take_note(_button: Button, context: bpy.types.Context) -> str:
     """Remove this message"""
-
-    bl_label = "Dismiss"
-    needs = (
-        (
-            lambda context: context.scene.forest_sensing.notice,
-            keep("There is nothing to take note of"),
-        ),
-    )
-
-    @classmethod
-    def description(cls, context: bpy.types.Context, _properties: Any) -> str:
-        notice = context.scene.forest_sensing.notice
-        return say("{notice}. Press to take this line away", notice=notice)
-
-    def act(self, context: bpy.types.Context) -> str:
-        context.scene.forest_sensing.property_unset("notice")
-        return ""
+    context.scene.forest_sensing.property_unset("notice")
+    return ""
 
 
 def draw_notice(panel: bpy.types.UILayout, props: Any) -> None:

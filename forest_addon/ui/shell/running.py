@@ -218,6 +218,28 @@ class Button:
         return {"CANCELLED"} if said is None else {"FINISHED"}
 
 
+def made(
+    kind: type, letters: str, does: str, title: str, *bases: type, **body: Any
+) -> Callable[[Callable[..., Any]], type]:
+    """Make a class of Blender's of the function below, which has its name, its help and what it ``does``.
+
+    letters : of its kind, within its name. title : what people call it. bases : what all of its sort share.
+    body : what else the class holds.
+    """
+
+    def make(function: Callable[..., Any], name: str = "") -> type:
+        said = {"__doc__": function.__doc__, "bl_label": title, does: function}
+        id_name = (name or function.__name__).lstrip("_")
+        return type(f"FOREST_{letters}_{id_name}", (*bases, kind), said | body)
+
+    return make
+
+
+button = functools.partial(made, bpy.types.Operator, "OT", "act")  # forest.NAME
+panel = functools.partial(made, bpy.types.Panel, "PT", "draw")
+menu = functools.partial(made, bpy.types.Menu, "MT", "draw")
+
+
 class Reading(Button):
     """An operator that changes nothing in the scene, which may be linked from another file."""
 
@@ -349,15 +371,11 @@ class Working(WhenReady):
         show_no_job(context)
 
 
-class FOREST_OT_cancel(Reading, bpy.types.Operator):
+@button("Cancel", Reading, needs=((lambda _: current() is not None, keep("Nothing is running")),))
+def cancel(_button: Button, _context: bpy.types.Context) -> str:
     """Stop what is running; what was there before stays as it was"""
-
-    bl_label = "Cancel"
-    needs = ((lambda _context: current() is not None, keep("Nothing is running")),)
-
-    def act(self, _context: bpy.types.Context) -> str:
-        stop()
-        return ""
+    stop()
+    return ""
 
 
 def getting_ready(*rooms: str) -> Task:

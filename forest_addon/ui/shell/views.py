@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import bpy
@@ -21,6 +21,7 @@ ACROSS = (
 )
 
 _icons: Any = None
+_over: dict[Callable[[], None], Any] = {}  # Blender's handles of what draws over views
 _seen_through: set[int] = set()  # areas whose views were made so by us
 
 
@@ -43,8 +44,7 @@ def region_below(
     """The 3D view below the mouse at (x, y) of a window and its region there, of four views the one that it
     is; the first view where there is none below."""
     areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
-    below = [area for area in areas if holds(area, x, y)]
-    area = next(iter(below or areas), None)
+    area = next(iter([area for area in areas if holds(area, x, y)] or areas), None)
     regions = [r for r in area.regions if r.type == "WINDOW" and r.width > 1] if area else []
     return area, next((r for r in regions if holds(r, x, y)), next(iter(regions), None))
 
@@ -123,13 +123,24 @@ def select(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 def show(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object visible. Of collections only those that hide it are shown: others stay excluded."""
     layer = context.view_layer
-    way = min(_ways(layer.layer_collection, obj), key=_hidden, default=())
+    way = min(  # that with the fewest switches which hide the contents of its last collection
+        _ways(layer.layer_collection, obj),
+        key=lambda way: (
+            way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
+        ),
+        default=(),
+    )
     for home in way:
         for hides in (home, home.collection):
             if hides.hide_viewport:
                 hides.hide_viewport = False
     if way and way[-1].exclude:
-        _include(way[-1])
+        home = way[-1]
+        within = list(_below(home))
+        excluded = [child.exclude for child in within]
+        home.exclude = False
+        for child, was in zip(within, excluded, strict=True):
+            child.exclude = was
     obj.hide_viewport = False
     if obj.name in layer.objects:
         obj.hide_set(False)
@@ -151,20 +162,6 @@ def _ways(home: bpy.types.LayerCollection, obj: bpy.types.Object) -> Iterator[Wa
     for child in home.children:
         for way in _ways(child, obj):
             yield (home, *way)
-
-
-def _hidden(way: Way) -> int:
-    """Number of switches along a way that hide the contents of the last collection."""
-    return way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
-
-
-def _include(home: bpy.types.LayerCollection) -> None:
-    """Include a collection in its view layer, and none of those within, which Blender includes with it."""
-    within = list(_below(home))
-    excluded = [child.exclude for child in within]
-    home.exclude = False
-    for child, was in zip(within, excluded, strict=True):
-        child.exclude = was
 
 
 def _below(home: bpy.types.LayerCollection) -> Iterator[bpy.types.LayerCollection]:
@@ -272,6 +269,18 @@ def redraw_views() -> None:
     """Have every 3D view drawn anew."""
     for _, area in views():
         area.tag_redraw()
+
+
+def draw_over(draw: Callable[[], None], when: str = "POST_VIEW") -> None:
+    """Have every 3D view drawn over from now on; without windows nothing is."""
+    if not bpy.app.background:
+        _over[draw] = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", when)
+
+
+def draw_no_more(draw: Callable[[], None]) -> None:
+    """Have views drawn over by this no longer."""
+    if draw in _over:
+        bpy.types.SpaceView3D.draw_handler_remove(_over.pop(draw), "WINDOW")
 
 
 def line_shader() -> gpu.types.GPUShader:

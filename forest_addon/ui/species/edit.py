@@ -37,6 +37,7 @@ from ..shell.running import (
     Taking,
     WhenReady,
     Working,
+    button,
     dropped,
     getting_ready,
     press,
@@ -95,14 +96,7 @@ def refresh() -> None:
     _menu.cache_clear()
 
 
-def register() -> None:
-    """Look into the folders when species are first drawn."""
-    refresh()
-
-
-def unregister() -> None:
-    """Forget what was seen there."""
-    refresh()
+unregister = refresh
 
 
 @functools.lru_cache(maxsize=16)
@@ -226,49 +220,41 @@ EDITS = (  # what the buttons of an edited species need
 )
 
 
-class FOREST_OT_edit_species(Button, bpy.types.Operator):
+PLAIN = (
+    PLANTED,
+    (
+        lambda context: edited_item(context.scene.forest_sensing) is None,
+        keep("This species is being edited already"),
+    ),
+)
+
+
+@button("Edit", Button, needs=PLAIN)
+def edit_species(_button: Button, context: bpy.types.Context) -> str:
     """Change this species: its settings are taken into this file, the preset stays as it is"""
+    from ...growth.library import find_species
 
-    bl_label = "Edit"
-    needs = (
-        PLANTED,
-        (
-            lambda context: edited_item(context.scene.forest_sensing) is None,
-            keep("This species is being edited already"),
-        ),
-    )
-
-    def act(self, context: bpy.types.Context) -> str:
-        from ...growth.library import find_species
-
-        scene = context.scene
-        props = scene.forest_sensing
-        planting = chosen_planting(props)
-        path = find_species(planting.species, Path(bpy.path.abspath(props.folder)))
-        species = read_settings(path, spec.Species)
-        item = props.edited.add()
-        item.name = free_name(f"{EDITED}{path.stem}", "-", ".toml", props.edited.__contains__)
-        item.origin = planting.species
-        item.folder = "" if _is_preset(planting.species) else str(path.resolve().parent)
-        exchange.write(item.settings, species)
-        planting.species = item.name
-        return say(
-            "{species} can be changed now; Grow Forest grows it so",
-            species=title_of(path.stem),
-        )
+    props = context.scene.forest_sensing
+    planting = chosen_planting(props)
+    path = find_species(planting.species, Path(bpy.path.abspath(props.folder)))
+    species = read_settings(path, spec.Species)
+    item = props.edited.add()
+    item.name = free_name(f"{EDITED}{path.stem}", "-", ".toml", props.edited.__contains__)
+    item.origin = planting.species
+    item.folder = "" if _is_preset(planting.species) else str(path.resolve().parent)
+    exchange.write(item.settings, species)
+    planting.species = item.name
+    title = title_of(path.stem)
+    return say("{species} can be changed now; Grow Forest grows it so", species=title)
 
 
-class FOREST_OT_discard_species(Button, bpy.types.Operator):
+@button("Discard", Button, needs=EDITS)
+def discard_species(_button: Button, context: bpy.types.Context) -> str:
     """Give these changes up and plant what the species was made from"""
-
-    bl_label = "Discard"
-    needs = EDITS
-
-    def act(self, context: bpy.types.Context) -> str:
-        item = edited_item(context.scene.forest_sensing)
-        origin = item.origin
-        _replace(context.scene, item, origin)
-        return say("Back to {species}", species=title_of(origin))
+    item = edited_item(context.scene.forest_sensing)
+    origin = item.origin
+    _replace(context.scene, item, origin)
+    return say("Back to {species}", species=title_of(origin))
 
 
 class FOREST_OT_save_species(Button, bpy.types.Operator, ExportHelper):
@@ -303,8 +289,7 @@ class FOREST_OT_save_species(Button, bpy.types.Operator, ExportHelper):
 
 def _read(item: Any) -> tuple[spec.Species, Path]:
     """An edited species, and the folder that its STL files start from."""
-    stem = Path(item.name).stem
-    species = exchange.read(item.settings, spec.Species, stem)
+    species = exchange.read(item.settings, spec.Species, Path(item.name).stem)
     return species, Path(item.folder) if item.folder else ASSETS / "species"
 
 
@@ -369,24 +354,20 @@ class FOREST_OT_make_library(Working, bpy.types.Operator):
         return say("{trees} trees in {folder}", trees=count * len(names), folder=out)
 
 
-class FOREST_OT_add_library(Reading, bpy.types.Operator):
+NEW = (
+    lambda context: not _is_added(context),
+    keep("It is among Blender's asset libraries already"),
+)
+
+
+@button("Add to Asset Libraries", Reading, bl_options=set(), needs=(NEW,))
+def add_library(_button: Reading, context: bpy.types.Context) -> str:
     """Add the folder of trees to Blender's asset libraries; where it is empty, trees are made first"""
-
-    bl_label = "Add to Asset Libraries"
-    bl_options: ClassVar[set[str]] = set()
-    needs = (
-        (
-            lambda context: not _is_added(context),
-            keep("It is among Blender's asset libraries already"),
-        ),
-    )
-
-    def act(self, context: bpy.types.Context) -> str:
-        if not any(library_folder().glob("*.blend")):
-            press(bpy.ops.forest.make_library, add=True)
-            return ""
-        _add(context)
-        return say("The Asset Browser has it as {name}", name=NAME)
+    if not any(library_folder().glob("*.blend")):
+        press(bpy.ops.forest.make_library, add=True)
+        return ""
+    _add(context)
+    return say("The Asset Browser has it as {name}", name=NAME)
 
 
 def _add(context: bpy.types.Context) -> None:

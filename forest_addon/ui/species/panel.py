@@ -16,6 +16,7 @@ from ..settings.drawing import (
     name_in,
     split,
 )
+from ..shell.running import panel
 from ..shell.views import chosen_planting
 from ..shell.words import keep, label, label_kept
 from .edit import edited_item
@@ -24,30 +25,29 @@ GROWN = ("siblings", "rules", "honda", "crown")  # in place of the grammar
 SPREADS = {"FOREST_PG_normal": ("mean", "sd"), "FOREST_PG_discrete": ("values", "weights")}
 
 
-class FOREST_PT_species(WithForest, bpy.types.Panel):
-    bl_label = "Species"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_order = 0
+@panel("Species", WithForest, bl_parent_id="FOREST_PT_forest", bl_order=0)
+def species(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    layout, props = tab.layout, context.scene.forest_sensing
+    draw_list(layout, props, "plantings", "planting")
+    halves = layout.column() if is_narrow() else layout.split(factor=0.5)
+    if chosen_planting(props) is not None:
+        halves.template_icon_view(
+            props, "species_picture", show_labels=True, scale=5.5, scale_popup=6.5
+        )
+    buttons = halves.column(align=True)
+    if not _is_edited(context):
+        buttons.operator("forest.edit_species", icon="GREASEPENCIL")
+    else:
+        buttons.operator("forest.build", icon="FILE_REFRESH")
+        buttons.operator("forest.save_species", icon="FILE_TICK")
+        buttons.operator("forest.discard_species", icon="LOOP_BACK")
+    buttons.separator()
+    buttons.operator("forest.import_tree", icon="IMPORT")
+    buttons.operator("forest.make_library", text="As Assets", icon="ASSET_MANAGER")
 
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, props = self.layout, context.scene.forest_sensing
-        draw_list(layout, props, "plantings", "planting")
-        halves = layout.column() if is_narrow() else layout.split(factor=0.5)
-        if chosen_planting(props) is not None:
-            halves.template_icon_view(
-                props, "species_picture", show_labels=True, scale=5.5, scale_popup=6.5
-            )
-        buttons = halves.column(align=True)
-        item = edited_item(props)
-        if item is None:
-            buttons.operator("forest.edit_species", icon="GREASEPENCIL")
-        else:
-            buttons.operator("forest.build", icon="FILE_REFRESH")
-            buttons.operator("forest.save_species", icon="FILE_TICK")
-            buttons.operator("forest.discard_species", icon="LOOP_BACK")
-        buttons.separator()
-        buttons.operator("forest.import_tree", icon="IMPORT")
-        buttons.operator("forest.make_library", text="As Assets", icon="ASSET_MANAGER")
+
+def _is_edited(context: bpy.types.Context) -> bool:
+    return edited_item(context.scene.forest_sensing) is not None
 
 
 SECTIONS = {  # of a species: by what they do
@@ -69,27 +69,19 @@ SECTIONS = {  # of a species: by what they do
 }
 
 
-class FOREST_PT_edited(WithForest, bpy.types.Panel):
+@panel("Species Settings", WithForest, bl_parent_id="FOREST_PT_species", needs=_is_edited)
+def edited(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
     """The settings of an edited species, part by part."""
-
-    bl_label = "Species Settings"
-    bl_parent_id = "FOREST_PT_species"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return edited_item(context.scene.forest_sensing) is not None
-
-    def draw(self, context: bpy.types.Context) -> None:
-        group = edited_item(context.scene.forest_sensing).settings
-        for part in group.nested:
-            header, body = folded(self.layout, f"FOREST_species_{part}")
-            if _has(type(group), f"use_{part}"):
-                header.prop(group, f"use_{part}", text="")
-            header.label(text=label_kept(SECTIONS.get(part) or name_in(type(group), part)))
-            if body is not None:
-                body.active = getattr(group, f"use_{part}", True) and not _is_idle(group, part)
-                _draw_part(body, getattr(group, part))
-        split(self.layout).prop(group, "source")
+    group = edited_item(context.scene.forest_sensing).settings
+    for part in group.nested:
+        header, body = folded(tab.layout, f"FOREST_species_{part}")
+        if _has(type(group), f"use_{part}"):
+            header.prop(group, f"use_{part}", text="")
+        header.label(text=label_kept(SECTIONS.get(part) or name_in(type(group), part)))
+        if body is not None:
+            body.active = getattr(group, f"use_{part}", True) and not _is_idle(group, part)
+            _draw_part(body, getattr(group, part))
+    split(tab.layout).prop(group, "source")
 
 
 def _is_idle(group: Any, part: str) -> bool:

@@ -221,7 +221,7 @@ def test_names_tell_before_shapes_and_the_ground_is_left_out() -> None:
     assert (len(found.wood), len(found.leaves)) == (len(wood), len(leaves))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_upright_axis_is_found(seed: int) -> None:
     wood = tree(seed).wood()
     assert likely_up(wood) == "z"
@@ -284,7 +284,7 @@ def test_stems_of_a_bush_are_told_from_branches() -> None:
 @pytest.mark.medium
 @pytest.mark.parametrize(
     "shape",
-    [{}, {"sides": 3}, {"sides": 5}, {"sides": 24}, {"capped": True}, {"capped": True, "sides": 6}],
+    [{"sides": 3}, {"sides": 24}, {"capped": True, "sides": 6}],
 )
 def test_structure_is_recognised_whatever_the_tubes_are_made_of(shape: dict[str, object]) -> None:
     model = tree(**shape)  # type: ignore[arg-type]
@@ -292,7 +292,7 @@ def test_structure_is_recognised_whatever_the_tubes_are_made_of(shape: dict[str,
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("seed", [1, 4])
 def test_structure_does_not_depend_on_the_order_of_facets_nor_on_float32(seed: int) -> None:
     model = tree(seed, branches=5 + seed)
     rng = np.random.default_rng(seed)
@@ -307,8 +307,7 @@ def test_structure_does_not_depend_on_the_order_of_facets_nor_on_float32(seed: i
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("rings", [2, 3, 7, 40])
-@pytest.mark.parametrize("sides", [4, 7, 12])
+@pytest.mark.parametrize(("rings", "sides"), [(2, 4), (3, 7), (7, 12), (40, 4)])
 def test_centreline_does_not_depend_on_where_rings_are(rings: int, sides: int) -> None:
     model = Model()
     model.add(line([0, 0, 0], [0.5, 0, 8], rings), 0.2, -1, sides=sides)
@@ -500,8 +499,8 @@ def test_contacts_agree_with_a_search_of_all_wood() -> None:
     lines = found.lines
     rng = np.random.default_rng(5)
     low, high = model.wood().reshape(-1, 3).min(axis=0), model.wood().reshape(-1, 3).max(axis=0)
-    scattered = rng.uniform(low, high, (300, 3))
-    near = lines.knot[rng.integers(len(lines.knot), size=600)] + rng.normal(size=(600, 3)) * 0.04
+    scattered = rng.uniform(low, high, (100, 3))
+    near = lines.knot[rng.integers(len(lines.knot), size=300)] + rng.normal(size=(300, 3)) * 0.04
     points = np.concatenate([scattered, near])
     contact = find_contacts(lines, np.arange(found.wood.count), points)
 
@@ -519,7 +518,7 @@ def test_contacts_agree_with_a_search_of_all_wood() -> None:
     missed = contact.gap - exact
     assert missed.min() > -1e-3  # never nearer than there is wood
     inside = exact < 0
-    assert np.count_nonzero(inside) > 100
+    assert np.count_nonzero(inside) > 50
     assert np.all(contact.gap[inside] < 1e-3)
     assert np.mean(missed < 2e-3) > 0.97  # far from all wood, the second nearest may be taken,
     assert np.all(missed < 0.2 * np.maximum(exact, 0.02))  # but none that is much farther

@@ -13,8 +13,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from hypothesis import Phase, example, given, settings
-from hypothesis import strategies as some
 from references.brought_trees import TREES, decimated, doubled, rough
 from references.model_tree import Model, at, line, tree
 from references.own_trees import SPECIES, mothers_of, own_tree, sibling
@@ -63,18 +61,21 @@ SIBLINGS = 5
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "trees"
 LIBRARY = Path(__file__).resolve().parents[3] / "assets" / "templates"
 MOST_OFF = OFF + 1e-3
-DONE = ("nothing", "rough", "doubled", "decimated", "both")
+
+
+def portrait(tree: Tree) -> Portrait:
+    return portray(tree.skeleton, tree.leaves, tree.height)
 
 
 @cache
 def portraits(name):
-    return portray(sibling(name, 0, variety=0.0)), [
-        portray(sibling(name, seed)) for seed in range(1, COUNT + 1)
+    return portrait(sibling(name, 0, variety=0.0)), [
+        portrait(sibling(name, seed)) for seed in range(1, COUNT + 1)
     ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SPECIES)
+@pytest.mark.parametrize("name", ["honda", "weeping"])
 def test_siblings_are_within_the_goals(name):
     """Means within 10 % and 4.5 standard errors: a false alarm in 10,000 runs; profiles overlap."""
     template, siblings = portraits(name)
@@ -111,7 +112,7 @@ def test_every_piece_begins_within_its_parent_and_every_leaf_sits_on_its_branch(
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("name", SPECIES)
+@pytest.mark.parametrize("name", ["honda", "abop"])
 def test_no_trunk_is_cut_off(name):
     template = sibling(name, 0, variety=0.0).skeleton
     thin = template.radius[template.order == 0][-1, 1] / template.radius[0, 0]
@@ -134,7 +135,7 @@ def test_siblings_differ_and_follow_from_their_stream():
 @pytest.mark.medium
 def test_the_dial_turns_from_the_tree_itself_to_its_stand():
     def spread(variety):
-        found = [portray(sibling("whorled", seed, variety=variety)).numbers for seed in range(8)]
+        found = [portrait(sibling("whorled", seed, variety=variety)).numbers for seed in range(8)]
         return np.std([p["height, m"] for p in found]), np.std([p["leaves"] for p in found])
 
     low, middle, high = spread(0.0), spread(0.3), spread(1.0)
@@ -164,23 +165,6 @@ def test_whorls_stay_whorls_and_a_spiral_a_spiral():
 
 
 @pytest.mark.medium
-def test_twigs_of_a_weeping_tree_hang():
-    def low(tree):
-        wood = tree.skeleton
-        first, axis = axes_of(wood)
-        twig = wood.order[first] == 3
-        last = np.zeros(len(first), np.int64)
-        last[axis] = np.arange(len(axis))
-        way = wood.end[last[twig]] - wood.start[last[twig]]
-        return np.rad2deg(np.arccos(way[:, 2] / np.linalg.norm(way, axis=1)))
-
-    template = low(sibling("weeping", 0, variety=0.0))
-    grown = np.concatenate([low(sibling("weeping", seed)) for seed in range(4)])
-    assert np.median(grown) == pytest.approx(np.median(template), abs=4)
-    assert np.percentile(grown, 10) == pytest.approx(np.percentile(template, 10), abs=12)
-
-
-@pytest.mark.medium
 @pytest.mark.parametrize("name", ["honda", "weeping"])
 def test_height_and_diameter_are_what_was_asked_for(name):
     tree = sibling(name, 2, height=9.0, dbh=0.4)
@@ -190,7 +174,7 @@ def test_height_and_diameter_are_what_was_asked_for(name):
 
 @pytest.mark.slow
 def test_a_younger_tree_is_smaller_everywhere_with_shoots_as_thin():
-    young, old = (portray(sibling("honda", 1, age=age, variety=0.0)).numbers for age in (0.5, 2.0))
+    young, old = (portrait(sibling("honda", 1, age=age, variety=0.0)).numbers for age in (0.5, 2.0))
     here = portraits("honda")[0].numbers
     for name in ("height, m", "DBH, cm", "crown width, m", "branches of order 1", "leaves"):
         assert young[name] < here[name] < old[name], name
@@ -226,7 +210,7 @@ def test_settings_that_contradict_each_other_are_refused():
 def off_mesh(mesh: TriMesh, anatomy: Anatomy, grown: Grown) -> float:
     """Metres, at most, that a corner of the lowest ring of a branch's mesh is outside its bearer's mesh.
 
-    Of all branches that were bridged and of 60 others; distances by Blender's own tree of triangles.
+    Of all branches that were bridged and of 30 others; distances by Blender's own tree of triangles.
     """
     import bpy  # noqa: F401 - brings mathutils
     from mathutils.bvhtree import BVHTree
@@ -238,7 +222,7 @@ def off_mesh(mesh: TriMesh, anatomy: Anatomy, grown: Grown) -> float:
     _, of_facet, _ = stock.triangles.copy(grown.piece)
     begin = np.searchsorted(of_facet, np.arange(len(grown.piece) + 1))
     borne = grown.parent >= 0
-    some_of = np.random.default_rng(len(facets)).permutation(np.flatnonzero(borne))[:60]
+    some_of = np.random.default_rng(len(facets)).permutation(np.flatnonzero(borne))[:30]
     bridged = np.flatnonzero(borne & (anatomy.bridged[grown.piece] > 0))
     worst = 0.0
     for branch in np.union1d(some_of, bridged):
@@ -285,10 +269,12 @@ def gapped(name: str, metres: float, order: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("name", "gap", "order"),
     [
-        *((name, 0.0, 1) for name in ("apple", "hill_cherry", "lombardy_poplar", "palm", "curved")),
-        *((name, 0.1, 1) for name in ("maple", "hill_cherry")),
-        *((name, 0.5, 1) for name in ("forked", "apple")),
-        *((name, 0.5, 2) for name in ("forked", "hill_cherry")),
+        ("apple", 0.0, 1),
+        ("lombardy_poplar", 0.0, 1),
+        ("palm", 0.0, 1),
+        ("maple", 0.1, 1),
+        ("forked", 0.5, 1),
+        ("hill_cherry", 0.5, 2),
     ],
 )
 def test_the_mesh_of_every_limb_begins_in_the_wood_that_bears_it(name, gap, order):
@@ -315,8 +301,7 @@ def test_limbs_that_are_not_off_are_left_as_they_are():
     assert cKDTree(corners).query(mesh.vertices + origin)[0].max() < 1e-6
 
 
-@pytest.mark.parametrize("missing", [0.1, 0.5])
-@pytest.mark.parametrize("variety", [0.0, 1.0])
+@pytest.mark.parametrize(("missing", "variety"), [(0.1, 1.0), (0.5, 0.0)])
 def test_a_stem_whose_foot_is_missing_is_led_to_the_ground(missing, variety):
     found = recognise(facets_of("twin"))
     (other,) = found.stems[1:]
@@ -362,8 +347,7 @@ def leans(grown: Grown) -> float:
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("capped", [False, True])
-@pytest.mark.parametrize("sides", [3, 4, 6, 9])
+@pytest.mark.parametrize(("sides", "capped"), [(3, True), (4, False), (6, True), (9, False)])
 def test_the_foot_is_in_the_middle_of_its_base_and_the_trunk_begins_upright(sides, capped):
     found = recognise(flared(sides, capped).wood())
     np.testing.assert_allclose(found.foot[found.trunk], [0.4, -0.2, 0], atol=0.02)
@@ -373,14 +357,13 @@ def test_the_foot_is_in_the_middle_of_its_base_and_the_trunk_begins_upright(side
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("sides", [3, 4])
-@pytest.mark.parametrize("lean", [0.0, 0.4])
+@pytest.mark.parametrize(("sides", "lean"), [(3, 0.4), (4, 0.0)])
 def test_siblings_stand_on_their_base_and_lean_as_the_tree_does(sides, lean):
     found = recognise(flared(sides, lean=lean).wood())
     anatomy = dissect(found)
     habit = fit(anatomy)
     own = leans(grow_sibling(habit, Siblings(variety=0.0), 1))
-    for key in range(20):
+    for key in range(8):
         grown = grow_sibling(habit, Siblings(), key)
         assert leans(grown) < own + 10
         mesh, _, _ = mesh_of(anatomy, grown, 1.0)
@@ -394,16 +377,18 @@ def test_the_turtle_walks_the_tree(name, variety):
     habit = own_tree(name).habit
     grown = grow_sibling(habit, Siblings(variety=variety), 3)
     text = write_string(habit, grown, variety, generations_of(habit))
-    walked = walk_turtle(read_commands(read_system(text, []).axiom, ABOP.symbols, NAMES), 0.1)
+    walked, sites = walk_turtle(
+        read_commands(read_system(text, []).axiom, ABOP.symbols, NAMES), 0.1
+    )
     wood = skeleton_of_grown(grown)
-    gap = cKDTree(walked.skeleton.end).query(wood.end)[0]
+    gap = cKDTree(walked.end).query(wood.end)[0]
     assert gap.max() < 1e-5
-    length = [np.linalg.norm(s.end - s.start, axis=1).sum() for s in (walked.skeleton, wood)]
+    length = [np.linalg.norm(s.end - s.start, axis=1).sum() for s in (walked, wood)]
     assert length[0] == pytest.approx(length[1], rel=1e-6)
     hung = hang_leaves(habit.anatomy, grown, variety)
     foot, _ = feet_of_leaves(habit.anatomy, grown, hung, variety > 0)
-    assert len(walked.leaves) == len(foot)
-    assert cKDTree(walked.leaves.foot).query(foot)[0].max() < 1e-5
+    assert len(sites) == len(foot)
+    assert cKDTree(sites.foot).query(foot)[0].max() < 1e-5
 
 
 def test_a_generation_rewrites_one_order():
@@ -535,17 +520,14 @@ def check(found: Recognition) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
-@given(
-    some.sampled_from(sorted(TREES)),
-    some.integers(3, 12),
-    some.booleans(),
-    some.sampled_from(DONE),
-    some.tuples(some.integers(-500, 500), some.integers(-500, 500), some.floats(-0.5, 0.5)),
+@pytest.mark.parametrize(
+    ("name", "sides", "capped", "done", "place"),
+    [
+        ("stacked", 4, True, "both", (0, 0, 0.0)),
+        ("twin", 3, False, "nothing", (-30, 7, -0.4)),
+        ("leaning", 4, False, "decimated", (0, 0, 0.3)),
+    ],
 )
-@example("stacked", 4, True, "both", (0, 0, 0.0))
-@example("twin", 3, False, "nothing", (-30, 7, -0.4))
-@example("leaning", 4, False, "decimated", (0, 0, 0.3))
 def test_any_tree_comes_back_standing(
     name: str, sides: int, capped: bool, done: str, place: tuple[float, float, float]
 ) -> None:
@@ -554,16 +536,15 @@ def test_any_tree_comes_back_standing(
 
 @pytest.mark.medium
 @pytest.mark.parametrize(
-    ("name", "orders"),
+    ("name", "orders", "sides"),
     [
-        ("stacked", [1, 12, 12]),  # three pieces of trunk are one
-        ("twin", [2, 16, 16]),  # two stems, each with its branches
-        ("forked", [1, 10, 15, 6]),
-        ("flared", [1, 12, 12]),
-        ("palm", [1, 14]),
+        ("stacked", [1, 12, 12], 3),  # three pieces of trunk are one
+        ("twin", [2, 16, 16], 4),  # two stems, each with its branches
+        ("forked", [1, 10, 15, 6], 6),
+        ("flared", [1, 12, 12], 3),
+        ("palm", [1, 14], 4),
     ],
 )
-@pytest.mark.parametrize("sides", [3, 4, 6])
 def test_orders_are_those_of_the_tree(name: str, orders: list[int], sides: int) -> None:
     anatomy = dissect(recognise(brought(name, sides, sides == 4, "rough", np.zeros(3))))
     np.testing.assert_array_equal(np.bincount(anatomy.order), orders)
@@ -589,7 +570,7 @@ def tee():
 
 
 def test_a_portrait_has_the_numbers_of_the_tree(tee):
-    found = portray(tee).numbers
+    found = portrait(tee).numbers
     assert found["height, m"] == 10
     assert found["DBH, cm"] == pytest.approx(2 * 20 * (1 - 0.13))
     assert found["taper: diameter at half height / DBH"] == pytest.approx(0.5 / 0.87)
@@ -602,10 +583,10 @@ def test_a_portrait_has_the_numbers_of_the_tree(tee):
         np.sin(np.pi * np.arange(18) / 18)
     )
     assert found["crown width, m"] == pytest.approx(square.mean())
-    samples = portray(tee).samples
+    samples = portrait(tee).samples
     assert samples["insertion angle, order 1, deg"] == pytest.approx([90])
     assert samples["inclination of a leaf, deg"] == pytest.approx([0] * 4)
-    profile = portray(tee).profiles["leaf area"]
+    profile = portrait(tee).profiles["leaf area"]
     assert profile[BINS // 2] == 1
 
 

@@ -3,15 +3,7 @@
 import os
 
 import pytest
-from references.dataset_runs import PLAN, Warm
-
-
-@pytest.fixture(scope="session")
-def warm():
-    pytest.importorskip("bpy")
-    warm = Warm()
-    yield warm
-    warm.renew()
+from references.dataset_runs import PLAN
 
 
 @pytest.fixture(scope="session")

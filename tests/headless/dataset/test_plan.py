@@ -14,10 +14,11 @@ from forest_addon import spec
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_scanner
 from forest_addon.spec import SpecError
+from forest_addon.stand.intensity.surface import Heightmap
 from headless.dataset import vary
 from headless.dataset.card import SLICE, _draw_clouds
 from headless.dataset.estimate import Estimate, Trial, by_cost, tell, thinned
-from headless.dataset.place import heights_of, place_sensors, terrain_of
+from headless.dataset.place import FILE, heights_of, place_sensors
 from headless.dataset.plan import PLANS, idle_in_plan, read_plan, recipes, redealt, split_of
 from headless.dataset.settings import Ground, Placing
 from headless.dataset.vary import draw, read_varied
@@ -259,7 +260,7 @@ def test_nothing_in_a_plan_that_is_shipped_is_idle(name):
 
 FIELD = spec.Forest(size=(20.0, 20.0), origin=(100.0, -50.0), margin=10.0)
 TRUNKS = stream(1, "trunks").uniform([100, -50], [120, -30], (25, 2))
-GROUND = terrain_of(*heights_of(Ground(relief=3.0, wavelength=10.0), 4, FIELD))
+GROUND = Heightmap(*heights_of(Ground(relief=3.0, wavelength=10.0), 4, FIELD), FILE)
 
 
 def placed(sensor, **rule):

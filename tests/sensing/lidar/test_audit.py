@@ -43,8 +43,8 @@ class Off(BruteCaster):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("shift", [0.0, 5e5])
-def test_a_right_scan_passes_and_says_what_it_took(shift):
+def test_a_right_scan_passes_and_says_what_it_took():
+    shift = 5e5
     caster = BruteCaster(scene(shift=shift))
     looks = Terrestrial(position=(shift,) * 3, angle_step_deg=5, beam=Beam(subrays=7))
     found = audit(Scan(looks, caster), scan(looks, caster))
@@ -111,7 +111,7 @@ def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
     assert not audit(caster, replace(found, returns=replace(found.returns, triangle=wrong))).kept
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_of_surfaces_that_lie_on_each_other_any_is_right(seed):
     """Roads in the ground, walls that stand there twice, boxes that share a face: by engines of single
     precision, in batches of any size."""

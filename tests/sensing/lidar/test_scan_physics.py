@@ -13,7 +13,6 @@ from forest_addon.base.rng import first_key
 from forest_addon.base.trimesh import GROUND, LEAF, OTHER, WOOD, TriMesh
 from forest_addon.formats.toml_file import read_scanner, scanner_names
 from forest_addon.growth.mesh.meshing import tube
-from forest_addon.sensing.lidar import radiometry
 from forest_addon.sensing.lidar.footprint import places
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
 from forest_addon.sensing.lidar.radiometry import registration
@@ -52,8 +51,7 @@ def look(scanner, *meshes, seed=0):
 # ------------------------------------------------------------------------------------- radiometry
 
 
-@pytest.mark.parametrize("distance", [1.0, 17.3, 400.0])
-@pytest.mark.parametrize("subrays", [1, 19])
+@pytest.mark.parametrize(("distance", "subrays"), [(1.0, 1), (17.3, 19), (400.0, 19)])
 def test_a_facing_wall(distance, subrays):
     beam = Beam(subrays=subrays, divergence_mrad=(0.3, 0.3), exit_diameter=0.005)
     cloud = look(along_x(beam=beam, surfaces=Surfaces(other=0.8)), sheet(distance))
@@ -72,15 +70,6 @@ def test_a_tilted_plane_dims_by_the_cosine_and_widens_the_echo(tilt):
     expected = np.hypot(pulse_length(1.0), spread) * 2 / LIGHT
     assert cloud.width[0] == pytest.approx(expected, rel=1e-2)
     assert cloud.true_range[0] == pytest.approx(100, abs=1e-2 * spread)
-
-
-def test_the_light_over_all_directions_is_what_was_sent():
-    # A white Lambert surface sends cos θ/π a steradian; over the half space that is all of it.
-    cos = (np.arange(100_000) + 0.5) / 100_000
-    aperture = 1e-3
-    share = aperture**2 / 4 * float(radiometry.intensity(1.0, 1.0, 5.0, 0.0))  # facing
-    solid_angle = np.pi * (aperture / 2) ** 2 / 5.0**2
-    assert share / solid_angle * 2 * np.pi * np.mean(cos) == pytest.approx(1, rel=1e-6)
 
 
 def test_each_part_has_its_reflectance_and_objects_may_say_their_own():
@@ -133,7 +122,7 @@ def edge_scene(share_of_radius):
     return sheet(100.0, high=share_of_radius * 0.05), sheet(130.0)
 
 
-@pytest.mark.parametrize("edge", [-0.8, -0.2, 0.0, 0.5])
+@pytest.mark.parametrize("edge", [-0.8, 0.5])
 def test_an_edge_shares_the_pulse_by_the_error_function(edge):
     beam = Beam(subrays=1000, divergence_mrad=(1.0, 1.0), max_returns=5)
     cloud = look(along_x(beam=beam), *edge_scene(edge))
@@ -155,43 +144,6 @@ def test_a_thin_twig_far_away_returns_its_share_of_the_footprint():
     mean = cloud.intensity.sum() / cloud.pulses
     assert mean == pytest.approx(0.5 * share / 80**2, rel=0.15)
     assert cloud.true_range == pytest.approx(80, abs=1e-4)
-
-
-@pytest.mark.medium
-def test_a_sphere_is_where_it_is():
-    rings, columns = 96, 192
-    el = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
-    az = np.linspace(0, 2 * np.pi, columns, endpoint=False)
-    grid = np.stack(
-        [
-            np.cos(el)[:, None] * np.cos(az) + 10,
-            np.cos(el)[:, None] * np.sin(az),
-            np.sin(el)[:, None] + 0 * az,
-        ],
-        axis=2,
-    ).reshape(-1, 3)
-    i, j = np.meshgrid(np.arange(rings), np.arange(columns), indexing="ij")
-    a, b = i * columns + j, i * columns + (j + 1) % columns
-    faces = np.concatenate(
-        [np.stack([a, b, b + columns], 2), np.stack([a, b + columns, a + columns], 2)]
-    ).reshape(-1, 3)
-    scanner = Terrestrial(
-        position=(0.0, 0.0, 0.0),
-        azimuth_deg=(-5.0, 5.0),
-        elevation_deg=(-5.0, 5.0),
-        angle_step_deg=1.0,
-    )
-    cloud = look(scanner, TriMesh.of_part(grid, faces, OTHER))
-    off = np.arccos(np.cos(cloud.elevation) * np.cos(cloud.azimuth))
-    expected = 10 * np.cos(off) - np.sqrt(1 - (10 * np.sin(off)) ** 2)
-    degrees = np.deg2rad(np.arange(-5, 6))
-    inside = np.arccos(np.cos(degrees)[:, None] * np.cos(degrees)) < np.arcsin(1 / 10)
-    assert len(cloud) == np.count_nonzero(inside)
-    assert cloud.true_range == pytest.approx(expected, abs=1e-3)  # the mesh lies 0.5 mm inside
-    normal = cloud.position - [10, 0, 0]
-    cosine = np.abs(np.einsum("pi,pi->p", normal, cloud.position)) / cloud.true_range
-    assert cloud.returns.cos_incidence == pytest.approx(cosine, abs=0.03)
-    assert np.linalg.norm(cloud.returns.normal, axis=1) == pytest.approx(1)
 
 
 # ---------------------------------------------------------------------------------------- leaves
@@ -315,7 +267,7 @@ def test_another_seed_or_name_is_other_noise():
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("at_once", [1, 7, 64, 1000])
+@pytest.mark.parametrize("at_once", [1, 64])
 def test_chunks_do_not_change_a_byte(at_once):
     scanner = along_x(
         pulses=150,
@@ -380,17 +332,16 @@ SPREADS = (0.3, 1.2, 3.0, 12.0)  # of the footprint in range, in pulse lengths
 
 
 def beams():
-    """Those of all instruments whose pulse is Gaussian: the crest of another moves as it gets longer."""
+    """Those of all instruments whose pulse is Gaussian, each at a spread: the crest of another pulse moves as
+    it gets longer."""
+    tables = {
+        name: next(iter(read_scanner(name).tables.values()))["beam"] for name in scanner_names()
+    }
     found = []
-    for name in scanner_names():
-        table = next(iter(read_scanner(name).tables.values()))["beam"]
-        if "pulse_shape" in table:
-            continue
-        found.append(
-            pytest.param(
-                Beam(**table | {"divergence_mrad": tuple(table["divergence_mrad"])}), id=name
-            )
-        )
+    for name, table in tables.items():
+        if "pulse_shape" not in table:
+            beam = Beam(**table | {"divergence_mrad": tuple(table["divergence_mrad"])})
+            found.append(pytest.param(beam, SPREADS[len(found) % len(SPREADS)], id=name))
     return found
 
 
@@ -433,8 +384,7 @@ def grazing(beam, spread):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("spread", SPREADS)
-@pytest.mark.parametrize("beam", beams())
+@pytest.mark.parametrize(("beam", "spread"), beams())
 def test_flat_ground_is_one_echo_where_the_beam_meets_it(beam, spread):
     height, distance = grazing(beam, spread)
     cloud = scan(down(beam, height, distance), FLAT)

@@ -172,14 +172,6 @@ def test_nowhere_to_go():
         Mobile(poses=(Pose(time=1.0), Pose(time=1.0)))
 
 
-def test_a_path_of_one_pose_stands_still():
-    path = through([Pose(position=(1.0, 2.0, 3.0))])
-    where, attitude = path.at(np.linspace(0, 9, 5))
-    assert (where == [1, 2, 3]).all()
-    assert len(attitude) == 5
-    assert isinstance(attitude, Rotation)
-
-
 def test_three_fans_look_down_ahead_and_back_by_turns():
     flight = Airborne(
         pattern="fans", fan_deg=10.0, position=(0.0, 0.0, 100.0), heading_deg=0.0, track=6.0, speed=10.0,

@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from references.reverb import sum_at_length
 
 from forest_addon.base.rng import stream
@@ -37,28 +35,6 @@ def exponential(seconds_per_60_db: float, length: float = 3.0, delay: float = 0.
     return np.where(time >= -1e-12, 10.0 ** (-3.0 * time / seconds_per_60_db), 0.0)
 
 
-@pytest.mark.parametrize("t60", [0.3, 1.0, 2.0])
-@pytest.mark.parametrize("delay", [0.0, 0.25])
-def test_exponential_decay(t60: float, delay: float) -> None:
-    samples = exponential(t60, 4.0, delay)
-    assert reverberation_time(samples, RATE) == pytest.approx(t60, rel=1e-4)
-    assert reverberation_time(samples, RATE, (-5.0, -25.0)) == pytest.approx(t60, rel=1e-4)
-    early = 1 - 10.0 ** (-6.0 * 0.05 / t60)
-    assert clarity_db(samples, RATE) == pytest.approx(
-        10 * math.log10(early / (1 - early)), abs=1e-6
-    )
-    decay = energy_decay_db(samples)
-    assert decay[0] == 0
-    at = round((delay + t60 / 2) * RATE)
-    assert decay[at] == pytest.approx(-30.0, abs=1e-6)
-
-
-def test_noise_decay() -> None:
-    rng = np.random.default_rng(3)
-    samples = exponential(0.8) * rng.normal(size=round(3.0 * RATE))
-    assert reverberation_time(samples, RATE) == pytest.approx(0.8, rel=0.05)
-
-
 def test_onset_at_minus_20_db() -> None:
     samples = np.array([0.0, 0.05, -0.1, 0.3, 1.0, 0.5])
     assert onset(samples) == 2
@@ -86,8 +62,15 @@ def test_silence_and_no_late_sound() -> None:
 @pytest.mark.parametrize("t60", [0.4, 1.5])
 def test_measures_of_an_exponential_decay(t60: float) -> None:
     """Closed forms: with δ = 6·ln 10/t60, D50 = 1 - e^{-δ·50 ms} and the centre is at 1/δ."""
-    found = room_metrics(exponential(t60, 4 * t60, 0.1), RATE)
+    samples = exponential(t60, 4 * t60, 0.1)
+    found = room_metrics(samples, RATE)
     decay = 6 * math.log(10) / t60
+    assert reverberation_time(samples, RATE) == pytest.approx(t60, rel=1e-4)
+    assert energy_decay_db(samples)[round((0.1 + t60 / 2) * RATE)] == pytest.approx(-30.0, abs=1e-6)
+    early = 1 - math.exp(-0.05 * decay)
+    assert clarity_db(samples, RATE) == pytest.approx(
+        10 * math.log10(early / (1 - early)), abs=1e-6
+    )
     assert found.band[0] == 0
     for seconds in (found.edt, found.t20, found.t30, found.t60):
         assert seconds[0] == pytest.approx(t60, rel=1e-4)
@@ -289,8 +272,9 @@ def soon_fast(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 0.0])
-@pytest.mark.parametrize("spread", [False, True])
+@pytest.mark.parametrize(
+    ("tolerance", "spread"), [(1e-2, True), (1e-4, False), (1e-6, True), (0.0, False)]
+)
 def test_what_is_right_is_kept(soon_fast, tolerance, spread):
     rng = stream(4, "radii")
     radius = np.exp(rng.uniform(np.log(1e-3), np.log(2.0), 150)) if spread else np.full(500, 0.15)
@@ -300,48 +284,19 @@ def test_what_is_right_is_kept(soon_fast, tolerance, spread):
 
 
 @pytest.mark.slow
-@example(power=-6.0, thickest=2.0, seed=2)
-@settings(max_examples=2)
-@given(
-    power=st.floats(-6, -2),
-    thickest=st.sampled_from([0.001, 0.05, 0.5, 2.0]),
-    seed=st.integers(0, 1000),
-)
-def test_what_was_asked_is_kept_always(soon_fast, power, thickest, seed):
-    """The whole and each octave, against the direct sum; radii from 1 mm to 2 m."""
-    rng = stream(seed, "radii")
-    radius = np.exp(rng.uniform(np.log(1e-3), np.log(thickest), 100))
-    sensor = CLAP.changed(tolerance=10**power, sample_rate=16000)
-    trunks = stand(radius)
-    found = impulse_response(trunks, sensor, AIR, expansions=Expansions())
-    exact = impulse_response(trunks, sensor.changed(tolerance=0.0), AIR)
-    assert octave_errors(found.trees - exact.trees, exact.trees, 16000).max() <= 10**power
-
-
-@pytest.mark.slow
-@example(power=-8.0, thickest=2.0, seed=1)
-@settings(max_examples=1)
-@given(
-    power=st.floats(-8, -6.1),
-    thickest=st.sampled_from([0.02, 0.2, 2.0]),
-    seed=st.integers(0, 1000),
-)
-def test_what_only_the_direct_sum_keeps_is_kept_and_its_audit_tells_the_truth(
-    power, thickest, seed
-):
+def test_what_only_the_direct_sum_keeps_is_kept_and_its_audit_tells_the_truth():
     """Against a sum that nothing wraps around in; the audit is of what the transforms cut off."""
-    rng = stream(seed, "radii")
-    trunks = stand(np.exp(rng.uniform(np.log(1e-3), np.log(thickest), 8)))
-    sensor = CLAP.changed(tolerance=10**power, sample_rate=1000)
+    trunks = stand(np.exp(stream(1, "radii").uniform(np.log(1e-3), np.log(2.0), 8)))
+    sensor = CLAP.changed(tolerance=1e-8, sample_rate=1000)
     found = impulse_response(trunks, sensor, AIR)
     paths = trunk_paths(trunks, HERE[:2], THERE[:2], sensor.strength, sensor.spreading)
     truth = sum_at_length(paths, 1000.0, len(found.trees), AIR, seconds=200.0)
     errors = octave_errors(found.trees - truth, truth, 1000.0)
     assert found.exact
-    assert errors.max() <= 10**power
+    assert errors.max() <= 1e-8
     checked = audit(trunks, sensor)
     assert checked.kept, str(checked)
-    assert checked.error < 10**power
+    assert checked.error < 1e-8
 
 
 @pytest.mark.slow
@@ -362,19 +317,8 @@ def test_direct_sound_among_dense_leaves_and_twigs_is_kept():
     assert all(check.kept for check in said), str(found)
 
 
-@pytest.mark.medium
-def test_a_wrong_sum_is_found():
-    def louder(found):
-        return replace(found, trees=1.001 * found.trees)
-
-    found = audit(stand(np.full(1500, 0.15)), CLAP, louder)
-    assert not found.kept
-    assert found.error == pytest.approx(1e-3, rel=0.1)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("louder", [1.0, 1.03])
-def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_out(louder):
+def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_out():
     """0.1 trunks per m² and no leaves: the last pieces are 40 dB below the first; 3 % more is found."""
     rng = stream(3, "stems")
     radius = np.clip(rng.normal(0.15, 0.04, 4000), 0.02, None)
@@ -384,12 +328,13 @@ def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_
     field, made = ((-100.0, -100.0), (200.0, 200.0)), Expansions()
     found = impulse_response(trunks, clap, AIR, expansions=made, field=field)
     late = np.arange(len(found.trees)) > 0.3 * 1000
-    noise = found.tail
-    found = replace(found, trees=noise + (found.trees - noise) * np.where(late, louder, 1.0))
-    parts = parts_of_response(found, pairs_of(trunks, clap, AIR, field=field), made, 0.02)
-    (pieces,) = held(parts[-1:], stream(1, "a"), 8.0).checks
-    assert pieces.what.startswith("pieces")
-    assert pieces.kept == (louder == 1.0), str(pieces)
+    noise, pairs = found.tail, pairs_of(trunks, clap, AIR, field=field)
+    for louder in (1.0, 1.03):
+        heard = replace(found, trees=noise + (found.trees - noise) * np.where(late, louder, 1.0))
+        parts = parts_of_response(heard, pairs, made, 0.02)
+        (pieces,) = held(parts[-1:], stream(1, "a"), 8.0).checks
+        assert pieces.what.startswith("pieces")
+        assert pieces.kept == (louder == 1.0), str(pieces)
 
 
 def test_no_trunks():

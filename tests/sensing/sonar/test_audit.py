@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from references.echoes import scene_of
 
 from forest_addon.base.rng import stream
@@ -16,7 +14,7 @@ from forest_addon.sensing.sonar.audit import Pings, parts_of_echoes
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.station import Equipment, posed
 from forest_addon.sensing.sonar.targets import EchoTargets
-from forest_addon.spec import Air, Sonar, SonarReceiver
+from forest_addon.spec import Air, Sonar
 
 AIR = Air()
 SMOOTH = 2e-5  # of Σ max|A|, that splines of the exact disc are smooth to, all in phase
@@ -54,9 +52,10 @@ def mixed(seed, count):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-8])
-@pytest.mark.parametrize("cull", [0.0, 1e-2])
-@pytest.mark.parametrize("model", ["exact", "piston"])
+@pytest.mark.parametrize(
+    ("tolerance", "cull", "model"),
+    [(1e-2, 0.0, "exact"), (1e-6, 1e-2, "piston"), (1e-8, 1e-2, "exact"), (1e-8, 0.0, "piston")],
+)
 def test_what_is_right_is_kept(tolerance, cull, model):
     sonar = BAT.changed(tolerance=tolerance, cull=cull, leaf_model=model)
     found = audit(ping(targets(), sonar, AIR), sonar, share=0.05)
@@ -67,22 +66,13 @@ def test_what_is_right_is_kept(tolerance, cull, model):
 
 
 @pytest.mark.slow
-@example(seed=1, count=400, tolerance=1e-8, model="exact")
-@settings(max_examples=2)
-@given(
-    seed=st.integers(0, 10**6),
-    count=st.sampled_from([1, 30, 200]),
-    tolerance=st.floats(-8, -2).map(lambda power: 10**power),
-    model=st.sampled_from(["exact", "piston", "paper"]),
-)
-def test_what_was_asked_is_kept_always(seed, count, tolerance, model):
+def test_what_was_asked_is_kept_always():
     """Every bin, against the direct sum; radii from 1 mm to 2 m."""
-    things = mixed(seed, count)
-    sonar = BAT.changed(tolerance=tolerance, cull=0.0, leaf_model=model)
+    things = mixed(1, 200)
+    sonar = BAT.changed(tolerance=1e-8, cull=0.0)
     fast, exact = ping(things, sonar, AIR), ping(things, sonar.changed(tolerance=0.0), AIR)
     apart = np.abs(fast.spectra - exact.spectra).max()
-    least = SMOOTH if model == "exact" else 0.0
-    assert apart <= max(tolerance, least) * exact.size.max() + 1e-13
+    assert apart <= SMOOTH * exact.size.max()
     assert audit(fast, sonar, 1e-3, things).kept
 
 
@@ -98,8 +88,7 @@ def row_of_leaves(count, size, turn, apart):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("size", [0.02, 0.05])
-@pytest.mark.parametrize("apart", [0.0, 343.2 / 60e3 / 2, 1e-4])
+@pytest.mark.parametrize(("size", "apart"), [(0.02, 0.0), (0.05, 343.2 / 60e3 / 2)])
 def test_equal_leaves_in_phase_are_kept(size, apart):
     """What a table is off by adds up where echoes are equal and in phase, unlike over a crown."""
     things = row_of_leaves(300, size, 0.9, apart)
@@ -135,11 +124,12 @@ def spectrum(found):
 def test_waveforms_of_a_moving_sonar_are_looked_at():
     sonar = BAT.changed(call="fm", doppler=True)
     pose = posed(sonar)
-    echo = ping(targets(), sonar, AIR, pose=replace(pose, velocity=12.0 * pose.frame[0]))
-    assert audit(echo, sonar, 0.05).kept
+    few = targets(60)
+    echo = ping(few, sonar, AIR, pose=replace(pose, velocity=12.0 * pose.frame[0]))
+    assert audit(echo, sonar, 0.05, few).kept
     for name in ("waveforms", "called", "responses", "envelopes"):
         louder = {name: 1.01 * getattr(echo, name)}
-        assert not audit(replace(echo, **louder), sonar, 0.05).kept, name
+        assert not audit(replace(echo, **louder), sonar, 0.05, few).kept, name
 
 
 def test_silence_is_right():
@@ -148,10 +138,9 @@ def test_silence_is_right():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("far", [30.0, 160.0])
-def test_one_facet_far_off_is_heard_to_the_last_digits_of_its_phase(far):
+def test_one_facet_far_off_is_heard_to_the_last_digits_of_its_phase():
     """Two float64 sums of an echo of 10⁵ cycles differ by more than 1e-12 of it; more than that is found."""
-    corners = np.array([(far, 0, 0), (far, 0.02, 0), (far + 0.007, 0, 0.02)])
+    corners = np.array([(160, 0, 0), (160, 0.02, 0), (160.007, 0, 0.02)])
     mesh = TriMesh.of_part(corners, np.arange(3)[None], LEAF)
     obj = EchoTargets(scene_of(replace(mesh, leaf=np.zeros(1, dtype=np.int32))))
     sonar = replace(BAT, tolerance=0.0, cull=0.0, max_range=200.0)
@@ -159,20 +148,3 @@ def test_one_facet_far_off_is_heard_to_the_last_digits_of_its_phase(far):
     assert audit(echo, sonar, things=obj).kept
     turned = replace(echo, spectra=echo.spectra * np.exp(1e-9j))
     assert not spectrum(audit(turned, sonar, things=obj)).kept
-
-
-RECEIVED = BAT.changed(
-    receiver=SonarReceiver(source_level_db=110, self_noise_db=20, ambient="wind", threshold_db=9)
-)
-
-
-@pytest.mark.parametrize("name", ["", "recorded", "noise_level", "snr_db", "range", "clipped"])
-def test_what_a_receiver_made_is_made_again(name):
-    echo = ping(targets(40), RECEIVED, AIR)
-    if name:
-        received = replace(echo.received, **{name: getattr(echo.received, name) + 1})
-        echo = replace(echo, received=received)
-    found = audit(echo, RECEIVED, things=targets(40))
-    (check,) = (one for one in found.checks if "receptions" in one.what)
-    assert check.kept == (not name)
-    assert found.kept == (not name)

@@ -265,10 +265,9 @@ def posed_mesh(mesh, sways, time):
 
 @pytest.mark.medium
 @pytest.mark.parametrize("flutters", [False, True])
-@pytest.mark.parametrize("time", [0.0, 0.37])
-def test_an_echo_is_that_of_leaves_where_they_are(flutters, time):
+def test_an_echo_is_that_of_leaves_where_they_are(flutters):
     """Against the same leaves, laid out corner by corner as they are at that moment."""
-    mesh, sways = crown(), Sways(flutters)
+    mesh, sways, time = crown(), Sways(flutters), 0.37
     scene = scene_of(mesh, *PLACED)
     sonar = Sonar(
         position=(0, 0, 0), cull=0.0, tolerance=0.0, max_range=9, shading="none", record=0.06
@@ -300,33 +299,38 @@ def test_what_is_left_out_stays_within_the_bound():
     assert apart <= 0.05 * every.heard.amplitude.sum() * 1.2
 
 
-@pytest.mark.parametrize("away", [-3.0, 0.0, 0.5, 8.0])
-@pytest.mark.parametrize("own", [0.0, 5.0])
+class Shifted(Sways):
+    """All of tree 3 in one piece that is shifted along x by (m, m/s) of a time."""
+
+    def __init__(self, shift):
+        super().__init__()
+        self.shift = shift
+
+    def moment(self, _tree, time):
+        place, rate = np.tile(np.eye(3, 4), (1, 1, 1)), np.zeros((1, 3, 4))
+        place[0, 0, 3], rate[0, 0, 3] = self.shift(time)
+        return place, rate
+
+    def pieces(self, _tree, mesh):
+        return np.zeros(len(mesh.triangles), np.int64)
+
+    def pieces_at(self, _tree, points, _leaf):
+        return np.zeros(len(points), np.int64)
+
+
+@pytest.mark.parametrize(("away", "own"), [(-3.0, 0.0), (0.0, 5.0), (0.5, 5.0), (8.0, 0.0)])
 def test_doppler_of_what_goes_straight_away(away, own):
     """(c + v)(c − u)/((c − v)(c + u)): the sonar nears at v, the leaf recedes at u."""
-
-    class Straight(Sways):
-        def moment(self, _tree, time):
-            place, rate = np.tile(np.eye(3, 4), (1, 1, 1)), np.zeros((1, 3, 4))
-            place[0, 0, 3], rate[0, 0, 3] = away * time, away
-            return place, rate
-
-        def pieces(self, _tree, mesh):
-            return np.zeros(len(mesh.triangles), np.int64)
-
-        def pieces_at(self, _tree, points, _leaf):
-            return np.zeros(len(points), np.int64)
 
     mesh = square_leaves(np.zeros((1, 3)), np.array([[1.0, 0, 0]]), 0.04)
     scene = scene_of(mesh, np.column_stack([np.eye(3), (4.0, 0, 0)]))
     sonar = Sonar(
         position=(0, 0, 0), speed=own, max_range=9, shading="none", call="fm", doppler=True
     )
-    found = ping(EchoTargets(scene, wind=EchoWind(scene, Straight())), sonar, WINDY_AIR)
+    straight = Shifted(lambda time: (away * time, away))
+    found = ping(EchoTargets(scene, wind=EchoWind(scene, straight)), sonar, WINDY_AIR)
     (group,) = found.groups
     c = 340.0
-    from forest_addon.sensing.sonar.station import Equipment, Station
-
     alpha = factors(group, Station(sonar, WINDY_AIR, posed(sonar), Equipment.of(sonar)), 0)
     expected = (c + own) * (c - away) / ((c - own) * (c + away))
     assert alpha == pytest.approx(expected, rel=1e-12)
@@ -363,22 +367,6 @@ def test_velocity_is_the_change_of_place():
 SWINGS, TONE = 9.0, 2 * np.pi * 6.0  # mm there and back, rad/s: a leaf of 1/3 m/s and 13 m/s²
 
 
-class Swinging(Sways):
-    """All of tree 3 swings along x."""
-
-    def moment(self, _tree, time):
-        place, rate = np.tile(np.eye(3, 4), (1, 1, 1)), np.zeros((1, 3, 4))
-        place[0, 0, 3] = SWINGS * 1e-3 * np.sin(TONE * time)
-        rate[0, 0, 3] = SWINGS * 1e-3 * TONE * np.cos(TONE * time)
-        return place, rate
-
-    def pieces(self, _tree, mesh):
-        return np.zeros(len(mesh.triangles), np.int64)
-
-    def pieces_at(self, _tree, points, _leaf):
-        return np.zeros(len(points), np.int64)
-
-
 def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
     """Against the tone's own phase: what leaves at t comes back at u = t + 2r(t)/c, sin(2πft) then."""
     mesh = square_leaves(np.zeros((1, 3)), np.array([[1.0, 0, 0]]), 0.02)
@@ -394,7 +382,9 @@ def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
         band=(60e3, 83e3),
         record=0.09,
     )
-    targets = EchoTargets(scene, wind=EchoWind(scene, Swinging()))
+    size = SWINGS * 1e-3
+    swing = Shifted(lambda t: (size * np.sin(TONE * t), size * TONE * np.cos(TONE * t)))
+    targets = EchoTargets(scene, wind=EchoWind(scene, swing))
     pose = posed(sonar)
     pose = SonarPose(pose.position, pose.frame, pose.velocity, None, 0.02)
     high = 83e3 - 0.05 * 23e3
@@ -415,9 +405,8 @@ def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("flutters", [False, True])
-def test_truth_tells_where_leaves_rest(flutters, tmp_path):
-    mesh, sways = crown(300), Sways(flutters)
+def test_truth_tells_where_leaves_rest(tmp_path):
+    mesh, sways = crown(300), Sways(True)
     scene = scene_of(mesh, *PLACED)
     sonar = Sonar(position=(0, 0, 0), beam="omni", cull=0.0, max_range=20, shading="none")
     pose = SonarPose(np.zeros(3), np.eye(3), np.zeros(3), None, 0.7)

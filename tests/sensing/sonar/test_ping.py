@@ -56,7 +56,7 @@ def expected(echo: Echo, discs: LeafDiscs, sonar: AnySonar, air: Air, bin_: int)
 
 
 @pytest.mark.parametrize("model", ["piston", "paper"])
-@pytest.mark.parametrize(("absorption", "elevation"), [(True, 20.0), (False, -90.0)])
+@pytest.mark.parametrize(("absorption", "elevation"), [(True, 20.0), (False, -90.0), (False, 90.0)])
 def test_spectrum_against_scalar_loops(model: str, absorption: bool, elevation: float) -> None:
     discs = foliage_of(60)
     sonar = Sonar(
@@ -117,8 +117,9 @@ def analytic_at(echo: Echo, time: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("model", ["piston", "paper", "exact"])
-@pytest.mark.parametrize("distance", [1.3, 3.3333, 14.9])
+@pytest.mark.parametrize(
+    ("distance", "model"), [(1.3, "exact"), (3.3333, "piston"), (14.9, "paper"), (14.9, "exact")]
+)
 def test_single_leaf_has_its_delay_and_level(distance: float, model: str) -> None:
     """Face-on and on the axis: |A| = L/kr², at 2r/c to a hundredth of a sample.
 
@@ -150,25 +151,6 @@ def test_single_leaf_has_its_delay_and_level(distance: float, model: str) -> Non
     signal = analytic_at(echo, echo.time[some])
     np.testing.assert_allclose(echo.impulse_response[some], signal.real, atol=1e-9 * level)
     np.testing.assert_allclose(echo.envelope[some], np.abs(signal), atol=1e-9 * level)
-
-
-@pytest.mark.parametrize("elevation", [90.0, -90.0, 45.0, 0.0])
-def test_any_elevation_is_the_same_sonar(elevation: float) -> None:
-    """Turning the sonar and the leaves together changes nothing, straight up included."""
-    discs = foliage_of(50)
-    settings = {"beam_width_deg": (50.0, 20.0), "cull": 0.0, "position": (0.0, 0.0, 0.0)}
-    settings["tolerance"] = 0.0
-    flat = dataclasses.replace(discs, centre=discs.centre - [0, 0, 2.0])
-    level = ping(flat, Sonar(**settings), AIR)
-    e, a = math.radians(elevation), math.radians(77.0)
-    up = np.array([[math.cos(e), 0, -math.sin(e)], [0, 1, 0], [math.sin(e), 0, math.cos(e)]])
-    round_ = np.array([[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]])
-    turn = round_ @ up
-    turned = dataclasses.replace(flat, centre=flat.centre @ turn.T, normal=flat.normal @ turn.T)
-    raised = ping(turned, Sonar(elevation_deg=elevation, azimuth_deg=77.0, **settings), AIR)
-    np.testing.assert_allclose(
-        raised.spectrum, level.spectrum, atol=1e-10 * np.abs(level.spectrum).max()
-    )
 
 
 def test_no_leaf_in_range_is_silence() -> None:
@@ -241,8 +223,7 @@ def test_record_that_no_memory_holds_is_refused() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", ["piston", "paper"])
-@pytest.mark.parametrize("cull", [1e-4, 1e-2, 0.1])
+@pytest.mark.parametrize(("model", "cull"), [("piston", 1e-4), ("paper", 1e-2), ("piston", 0.1)])
 def test_culling_keeps_its_promise(
     model: str, cull: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -323,12 +304,6 @@ def test_wood_hides_leaves() -> None:
     assert len(ping(discs, Sonar(), AIR, None).heard) == 5
     behind = ping(discs, Sonar(), AIR, board(0.5))
     assert behind.hidden == 4
-
-
-def test_all_leaves_hidden_is_silence() -> None:
-    echo = ping(discs_of([[2, -0.1, 2]], [1.0, 0, 0], 0.02), Sonar(), AIR, board(1.0))
-    assert not echo.impulse_response.any()
-    assert (echo.hidden, echo.cull_bound) == (1, 0.0)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-6])
@@ -429,28 +404,13 @@ def test_same_as_measuring_the_moved_mesh(name: str, flat: bool) -> None:
     np.testing.assert_allclose(np.linalg.norm(found.normal, axis=1), 1, rtol=1e-12)
 
 
-def test_a_square_leaf_squeezed_along_its_side() -> None:
-    square = np.array([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0)], np.float64)
-    mesh = TriMesh(
-        square,
-        np.array([[0, 1, 2], [0, 2, 3]], np.int32),
-        np.full(2, LEAF, np.int8),
-        np.full(2, 41, np.int32),  # numbers may have gaps
-        np.zeros(2, np.int32),
-    )
-    discs = leaf_discs(scene_of(mesh, transform(np.diag([4.0, 1.0, 7.0]), (0, 0, 0))))
-    np.testing.assert_allclose(discs.radius, [math.sqrt(0.04 / math.pi)])
-    np.testing.assert_allclose(discs.centre, [[0.2, 0.05, 0]])
-    np.testing.assert_allclose(np.abs(discs.normal), [[0, 0, 1]], atol=1e-15)
-    assert (discs.leaf[0], discs.instance[0], discs.tree[0]) == (41, 0, 3)
-
-
 def test_instances_and_numbers() -> None:
     mesh = leafy_mesh()
+    mesh.leaf[mesh.leaf >= 0] *= 3  # numbers may have gaps
     scene = scene_of(mesh, transform(np.eye(3)), transform(2 * np.eye(3)))
     discs = leaf_discs(scene)
     assert len(discs) == 10
-    assert discs.leaf.tolist() == [0, 1, 2, 3, 4] * 2
+    assert discs.leaf.tolist() == [0, 3, 6, 9, 12] * 2
     assert discs.instance.tolist() == [0] * 5 + [1] * 5
     assert discs.tree.tolist() == [3] * 5 + [4] * 5
     np.testing.assert_allclose(discs.radius[5:], 2 * discs.radius[:5])

@@ -1,6 +1,7 @@
 """Scatterers by blocks of instances against all leaves laid out in the world."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -87,12 +88,22 @@ def test_blocks_find_what_all_leaves_sum_up_to(model: str) -> None:
         assert ours.leaves == len(discs)
 
 
+def near_leaves() -> LeafDiscs:
+    """So near that each is heard by its face and its rim."""
+    rng = np.random.default_rng(3)
+    place = rng.uniform([0.2, -2, -2], [3, 2, 2], (400, 3))
+    return discs_of(place, rng.normal(size=(400, 3)), 0.04)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("cull", [1e-3, 0.05])
-def test_what_is_left_out_is_within_the_bound(model: str, cull: float) -> None:
-    targets = grove()
-    sonar = Sonar(leaf_model=model, cull=cull, shading="none")
+@pytest.mark.parametrize(("made", "cull"), [(grove, 1e-3), (grove, 0.05), (near_leaves, 0.03)])
+def test_what_is_left_out_is_within_the_bound(
+    model: str, made: Callable[[], EchoTargets | LeafDiscs], cull: float
+) -> None:
+    targets = made()
+    settings = {"position": (0.0, 0.0, 0.0)} if made is near_leaves else {}
+    sonar = Sonar(leaf_model=model, cull=cull, shading="none", **settings)
     part, whole = ping(targets, sonar, AIR), ping(targets, replace(sonar, cull=0.0), AIR)
     assert len(part.heard) < len(whole.heard)
     assert 0 < part.cull_bound <= cull
@@ -181,9 +192,10 @@ def some(echo: Echo) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("radius", [0.025, 0.05])
-@pytest.mark.parametrize("distance", [0.15, 0.5, 1.0, 2.0])
-@pytest.mark.parametrize("incidence", [0.0, 0.05, 0.3, 1.0, 1.4])
+@pytest.mark.parametrize(
+    ("radius", "distance"), [(0.025, 0.15), (0.05, 0.5), (0.05, 1.0), (0.025, 2.0)]
+)
+@pytest.mark.parametrize("incidence", [0.0, 0.3, 1.4])
 def test_near_leaf_is_kirchhoffs_integral(radius: float, distance: float, incidence: float) -> None:
     echo = leaf(distance, incidence, radius, leaf_model="piston")
     found, k = some(echo)
@@ -246,26 +258,6 @@ def test_never_louder_than_twice_a_mirror(model: str, radius: float) -> None:
             assert loudest <= 1.05 / distance + edge
 
 
-def test_on_the_axis_it_is_the_closed_form() -> None:
-    for distance in (0.3, 0.5, 0.8, 1.5, 3.0):
-        found, k = some(leaf(distance, 0.0, 0.04, leaf_model="piston"))
-        slant = math.hypot(distance, 0.04)
-        wanted = np.exp(-2j * k * distance) / distance
-        wanted = (wanted - distance / slant**2 * np.exp(-2j * k * slant)) / 2
-        np.testing.assert_allclose(found, wanted, atol=0.02 / distance)
-
-
-def test_same_disc_as_facets() -> None:
-    turn = 2 * np.pi * np.arange(160) / 160
-    rim = 0.05 * np.stack([np.zeros(160), np.cos(turn), np.sin(turn)], axis=1)
-    corners = np.concatenate([[[0.0, 0, 0]], rim]) + np.array([0.5, 0, 0])
-    fan = np.stack([np.zeros(160, int), 1 + np.arange(160), 1 + (np.arange(160) + 1) % 160], axis=1)
-    board = ping(EchoTargets(scene_of(TriMesh.of_part(corners, fan, OTHER))), Sonar(**QUIET), AIR)
-    disc = leaf(0.5, 0.0, 0.05, leaf_model="piston")
-    level = [20 * np.log10(np.abs(e.spectrum[len(e.spectrum) // 2])) for e in (board, disc)]
-    assert level[1] == pytest.approx(level[0], abs=0.3)
-
-
 @pytest.mark.parametrize("model", ["piston", "exact"])
 @pytest.mark.parametrize("incidence", [0.0, 0.02])
 def test_no_step_where_the_far_field_begins(model: str, incidence: float) -> None:
@@ -284,21 +276,6 @@ def test_near_leaves_are_counted_once() -> None:
         assert echo.leaves_heard == 3
         assert echo.close == 1
         assert (echo.near, echo.far, echo.broken) == (0, 0, 0)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_culling_counts_near_leaves_by_their_faces(model: str) -> None:
-    rng = np.random.default_rng(3)
-    discs = discs_of(
-        rng.uniform([0.2, -2, -2], [3, 2, 2], (400, 3)), rng.normal(size=(400, 3)), 0.04
-    )
-    beam = {"beam": "gaussian", "leaf_model": model}
-    whole = ping(discs, Sonar(**{**QUIET, **beam}), AIR)
-    part = ping(discs, Sonar(**{**QUIET, **beam, "cull": 0.03}), AIR)
-    assert len(part.heard) < len(whole.heard)
-    promised = part.cull_bound * part.heard.amplitude.sum()
-    assert 0 < part.cull_bound <= 0.03
-    assert whole.heard.amplitude.sum() - part.heard.amplitude.sum() <= promised
 
 
 # -------------------------------------------------------------------------------------------- facets
@@ -345,8 +322,7 @@ def sphere(radius: float, centre: tuple[float, float, float], cells: int = 24) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("size", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize(("seed", "size"), [(0, 0.02), (1, 0.1), (2, 0.1), (3, 0.3), (4, 0.3)])
 def test_one_triangle_is_kirchhoffs_integral(seed: int, size: float) -> None:
     """To a part in a few thousand of what an endless plane would send back."""
     rng = np.random.default_rng(seed)
@@ -376,16 +352,6 @@ def test_a_wide_plane_is_a_mirror(cells: int, height: float) -> None:
 def test_a_foot_on_an_edge_or_a_corner_counts_once(point: tuple[float, float]) -> None:
     echo = echo_of(plane(30.0, -1.0, 60), position=(*point, 0.0), max_range=12.0)
     assert np.abs(echo.spectrum) == pytest.approx(0.5, rel=1e-9)
-
-
-@pytest.mark.slow
-def test_a_sphere_sounds_like_a_sphere() -> None:
-    """Geometric optics of a sphere: p = R/(2s(R + s)); facets of 1 mm sag would need finer ones."""
-    radius, away = 0.05, 1.0
-    echo = echo_of(sphere(radius, (away + radius, 0, 0), 160))
-    expected = radius / (2 * away * (radius + away))
-    assert np.abs(echo.spectrum).mean() == pytest.approx(expected, rel=0.1)
-    assert echo.heard.position[:, 0].max() < away + radius + 1e-6  # the far side is silent
 
 
 @pytest.mark.medium
@@ -445,20 +411,6 @@ def test_a_long_pole_is_the_endless_cylinder(radius: float) -> None:
     line = np.sqrt(math.pi * d / k) / d**2 * np.exp(-2j * k * d - 0.25j * math.pi)
     expected = np.conj(scattering_sum(k * found[0], math.pi)) / math.pi * line * d / (d - found[0])
     np.testing.assert_allclose(echo.spectrum, expected, atol=0.01 * np.abs(expected).max())
-
-
-def test_a_large_pole_is_as_loud_as_optics_says() -> None:
-    """Geometric optics: p = 1/2s·√(a/(a + s)) at s from the surface."""
-    radius, away = 0.08, 1.2
-    echo = ping(
-        EchoTargets(scene_of(pole(radius, away + radius))),
-        Sonar(position=(0, 0, 0), **WOOD_QUIET),
-        AIR,
-    )
-    expected = math.sqrt(radius / (radius + away)) / (2 * away)
-    assert np.abs(echo.spectrum).mean() == pytest.approx(expected, rel=0.01)
-    peak = echo.time[np.argmax(echo.envelope)] * 340.0 / 2
-    assert peak == pytest.approx(away, abs=2e-3)
 
 
 def test_a_tilted_pole_is_heard_where_it_is_square_to_the_sound() -> None:

@@ -28,7 +28,7 @@ HILLS = Mixture(  # the second reaches over the edge
 
 def drawn(intensity, count, *key):
     process = Process(intensity, np.zeros(2), np.full(2, 100.0))
-    process = process.scaled(count / process.expected())
+    process = process.scaled(count / process.expected)
     return sample(process, stream(0, *key)), process
 
 
@@ -71,17 +71,6 @@ def test_it_is_a_maximum_of_the_likelihood():
                 moved = value.copy()
                 moved[index] *= factor
                 assert likelihood(**{name: moved}) < best
-
-
-@pytest.mark.slow
-def test_the_error_falls_with_one_over_n():
-    # MISE of maximum likelihood falls with 1/n. From 200 to 1,600 trees, 5 samples each, the slope
-    # spreads by 0.1: bounds at 4 sigma.
-    errors = []
-    for count in (200, 1_600):
-        tried = (drawn(HILLS, count, "rate", count, s) for s in range(5))
-        errors.append(np.mean([relative_error(fit_mixture(p, FIELD), law) for p, law in tried]))
-    assert -1.4 < np.log(errors[1] / errors[0]) / np.log(8) < -0.6
 
 
 @pytest.mark.slow
@@ -277,7 +266,7 @@ def test_what_cannot_be_used_is_refused():
 
 def _process(count):
     process = Process(KERNEL_HILLS, KERNEL_FIELD.low, KERNEL_FIELD.high)
-    return process.scaled(count / process.expected())
+    return process.scaled(count / process.expected)
 
 
 def _error(points, process, bandwidth=None):
@@ -327,18 +316,6 @@ def test_a_hole_takes_its_part_away():
     for both, kept in zip(whole, HOLED.gaussian_moments(*of), strict=True):
         assert kept == pytest.approx(both[0] - both[1], abs=1e-14)
     assert HOLED.area == pytest.approx(outline.area - hole.area)
-
-
-def test_the_moments_over_a_rectangle_are_those_over_its_halves():
-    halves = [
-        Window((np.array([[0.0, 0.0], [7.0, 0.0], [0.0, 4.0]]),)),
-        Window((np.array([[7.0, 0.0], [7.0, 4.0], [0.0, 4.0]]),)),
-    ]
-    of = (np.array([[3.0, 3.0], [-1.0, 6.0], [9.0, 1.0]]), np.array([[1, 2], [3, 0.5], [4, 40.0]]))
-    parts = zip(*(half.gaussian_moments(*of) for half in halves), strict=True)
-    whole = Window.rectangle((0, 0), (7, 4)).gaussian_moments(*of)
-    for (first, second), both in zip(parts, whole, strict=True):
-        assert both == pytest.approx(first + second, abs=1e-14)
 
 
 def test_the_whole_mass_and_none_of_it():

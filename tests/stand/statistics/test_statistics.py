@@ -96,8 +96,7 @@ def test_blocks_do_not_matter(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("window", [FIELD, NOTCHED], ids=["rectangle", "polygon with a hole"])
-@pytest.mark.parametrize("renormalise", [False, True])
+@pytest.mark.parametrize(("window", "renormalise"), [(FIELD, False), (NOTCHED, True)])
 def test_k_of_a_poisson_forest_is_pi_r_squared(window, renormalise):
     radius = np.array([2.0, 5.0, 12.0])
     found = []
@@ -268,16 +267,15 @@ def test_a_forest_of_the_law_passes_and_another_does_not():
 
 @pytest.mark.slow
 def test_an_estimate_is_tested_fairly():
-    # The intensity of every simulation is estimated again, so p is nearly uniform; of 6 forests fewer
-    # than 3 have p at most 0.1 with probability 0.98, more than 4 with 6e-5.
+    # The intensity of every simulation is estimated again, so p is nearly uniform; all of 4 forests have p at
+    # most 0.1 with probability 1e-4.
     found = []
-    for seed in range(6):
+    for seed in range(4):
         points = forest("fair", seed, factor=0.35)
         fit = fit_mixture(points, FIELD)
         simulate = [forest("fair simulation", seed, k, factor=0.35) for k in range(19)]
         law = law_of(fit, simulate.__getitem__)
         found.append(examine(points, FIELD, law, simulations=19).excess.p_value)
-    assert sum(p <= 0.1 for p in found) <= 4
     assert max(found) > 0.3
 
 
@@ -322,7 +320,7 @@ def mapped(planting, seed, path):
 @pytest.mark.parametrize("made", MADE)
 def test_the_law_of_a_map_is_found_again(tmp_path, made, monkeypatch):
     planting, layouts = MADE[made]
-    if layouts == {"poisson"}:  # chance rejects that in 5 % of maps, by as few simulations as by 39
+    if made != "apart":  # chance rejects a law in 5 % of maps, by as few simulations as by 39
         monkeypatch.setattr("forest_addon.stand.statistics.law.SIMULATIONS", 19)
     window = ["0", "0", "100", "100"]
     said = []

@@ -6,6 +6,7 @@ import pytest
 pytest.importorskip("bpy")
 
 from forest_addon.growth.skeleton import Skeleton
+from forest_addon.sensing.lidar import tractor as driven
 from studies.__main__ import main
 from studies.bench.lidar import first_hits
 from studies.papers import simlidar
@@ -39,8 +40,6 @@ def test_the_experiment_has_42_orchards_and_the_rows_of_table_3():
 
 
 def test_the_scanner_sees_all_of_an_orchard_in_scans_of_601_beams():
-    from forest_addon.sensing.lidar import tractor as driven
-
     forest = orchards.plant(SMALL[1], 0.4, seed=3)
     tractor = orchards.tractor_for(forest, 0)
     low, high = orchards.extent_along(forest)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from forest_addon.spec import SpecError
+from studies.sim_to_real.ablations import AblationScore, ablation_subject, differences
 from studies.sim_to_real.clouds import (
     NAMES,
     Labelled,
@@ -159,8 +160,6 @@ def test_a_folder_of_clouds_is_read_by_the_names_of_for_instance(tmp_path):
 
 @pytest.mark.medium
 def test_differences_are_of_pairs_of_seeds(tmp_path):
-    from studies.sim_to_real.ablations import AblationScore, ablation_subject, differences
-
     found = [
         AblationScore(way, plots, "pine", "stem", seed, iou + 0.1 * seed, 0.5)
         for way, plots, iou in (("all", 4, 0.5), ("no noise", 4, 0.45), ("plots", 1, 0.2))
@@ -213,8 +212,6 @@ def test_its_table_is_read_and_its_last_words_are_kept(tmp_path):
 
 
 def test_a_tool_that_is_not_there_says_how_to_get_it(tmp_path):
-    from forest_addon.spec import SpecError
-
     with pytest.raises(SpecError, match="pip install 3DFin"):
         run_tasks(str(tmp_path / "none"), None, tmp_path, 1, 1)
 

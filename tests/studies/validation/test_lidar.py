@@ -223,7 +223,7 @@ def test_rarefied_occupancy_is_the_hypergeometric_chance():
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("pulses", [60_000, pytest.param(600_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("pulses", [60_000, 200_000])
 def test_voxels_let_through_what_beers_law_says_at_every_density(tmp_path, pulses):
     density = 0.15
     whole = lines_in(medium(tmp_path / "a.las", pulses, density, 1), ORIGIN)[0].whole()

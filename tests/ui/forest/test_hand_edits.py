@@ -11,7 +11,6 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Vector
 from ui.pressing import ROOT, press, trees
 
-from forest_addon import spec
 from forest_addon.base.trimesh import LEAF
 from forest_addon.blender.read.depsgraph import read_scene
 from forest_addon.blender.scene.instances import TREE_KEY, stood_trees
@@ -393,17 +392,13 @@ def test_the_button_gives_the_brush_and_takes_it_back(painting):
     assert bpy.context.view_layer.objects.active == canvas()
     assert canvas().vertex_groups.active.name == "hazelnut"
     assert painting.plantings[0].painted == "Canvas:hazelnut"
-    assert canvas().show_in_front
-    assert painting_press() == {"FINISHED"}
-    assert bpy.context.mode == "OBJECT"
-    assert (canvas().show_in_front, canvas().display_type) == (False, "BOUNDS")
-
-
-def test_the_canvas_is_put_away_however_the_mode_is_left(painting):
-    painting_press()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    bpy.context.view_layer.update()
-    assert (canvas().show_in_front, canvas().display_type) == (False, "BOUNDS")
+    for leave in (painting_press, partial(bpy.ops.object.mode_set, mode="OBJECT")):
+        assert canvas().show_in_front
+        assert leave() == {"FINISHED"}
+        bpy.context.view_layer.update()
+        assert bpy.context.mode == "OBJECT"
+        assert (canvas().show_in_front, canvas().display_type) == (False, "BOUNDS")
+        painting_press()
 
 
 def test_the_canvas_covers_the_field_at_its_height(painting):
@@ -487,14 +482,6 @@ def test_the_canvas_survives_a_build_and_undo(painting):
     assert [home.name for home in canvas().users_collection] == ["Intensity"]
     bpy.ops.ed.undo()
     assert sum(bool(vertex.groups) for vertex in canvas().data.vertices) > 0
-
-
-def test_a_scene_file_with_a_painting_says_that_it_needs_blender(painting, tmp_path):
-    painting_press()
-    painting_press()
-    settings = exchange.to_spec(bpy.context.scene, [])
-    assert settings.plantings[0].painted == "Canvas:hazelnut"
-    assert isinstance(settings, spec.Scene)
 
 
 def test_it_says_why_it_cannot_paint(painting):
@@ -608,6 +595,9 @@ def test_a_tree_of_another_file_is_left_to_that(props, tmp_path):
     bpy.context.view_layer.objects.active = target.objects[0]
     with pytest.raises(RuntimeError, match="another file"):
         bpy.ops.forest.grow_again()
+    bpy.ops.mesh.primitive_cube_add()
+    with pytest.raises(RuntimeError, match="no tree of Add"):
+        bpy.ops.forest.grow_again()
 
 
 def test_a_tree_that_was_saved_is_grown_again(props, tmp_path):
@@ -617,9 +607,3 @@ def test_a_tree_that_was_saved_is_grown_again(props, tmp_path):
     assert bpy.ops.forest.grow_again() == {"FINISHED"}
     again = from_mesh(bpy.context.object.data)
     np.testing.assert_array_equal(again.vertices, grown.vertices)
-
-
-def test_another_mesh_is_not_grown(props):
-    bpy.ops.mesh.primitive_cube_add()
-    with pytest.raises(RuntimeError, match="no tree of Add"):
-        bpy.ops.forest.grow_again()

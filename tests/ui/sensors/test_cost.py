@@ -294,22 +294,24 @@ def test_it_is_undone(wall):
 
 
 def test_the_panel_is_there_for_what_sensors_could_see(wall):
-    assert panels.FOREST_PT_thing.poll(bpy.context)
+    assert panels.thing.poll(bpy.context)
     for other in ("reverb", "cloud"):
         bpy.context.view_layer.objects.active = bpy.data.objects[other]
-        assert not panels.FOREST_PT_thing.poll(bpy.context)
+        assert not panels.thing.poll(bpy.context)
     bpy.context.view_layer.objects.active = None
     assert panels.seen_thing(SimpleNamespace(object=None)) is None
-    assert not panels.FOREST_PT_thing.poll(bpy.context)
+    assert not panels.thing.poll(bpy.context)
 
 
 def test_objects_keep_it_without_the_add_on(wall):
     wall.forest_seen = False
-    panels.unregister()
+    for owner, name, _ in panels.PROPERTIES:
+        delattr(owner, name)
     try:
         assert not hasattr(wall, "forest_seen")
         assert wall["forest_ignored"]
         assert wall.name not in found().object_name
     finally:
-        panels.register()
+        for owner, name, prop in panels.PROPERTIES:
+            setattr(owner, name, prop)
     assert not wall.forest_seen

@@ -138,7 +138,7 @@ class Clutter:
 
     @property
     def empty(self) -> bool:
-        """No branch, no leaf and no needle."""
+        """True if there is no branch, no leaf and no needle."""
         return not (np.any(self.length) or np.any(self.leaf_area) or np.any(self.needle_area))
 
     @property
@@ -150,14 +150,6 @@ class Clutter:
     def layers(self) -> int:
         """Number of them."""
         return max(len(self.length), len(self.leaf_area), len(self.needle_area))
-
-    def with_leaves(self, density: float) -> Clutter:
-        """The same with so many m²/m³ of leaves in every layer."""
-        return replace(self, leaf_area=(density,) * max(self.layers, 1))
-
-    def with_needles(self, density: float) -> Clutter:
-        """The same with so many m²/m³ of half the surface of needles in every layer."""
-        return replace(self, needle_area=(density,) * max(self.layers, 1))
 
     def without_leaves(self) -> Clutter:
         """The same with neither leaves nor needles."""
@@ -344,7 +336,7 @@ class Takes:
 
 @dataclass(frozen=True)
 class Scatter:
-    """At one frequency.
+    """Scattering by the clutter at one frequency.
 
     scattered, absorbed : (Z,) share of the energy a metre, in each layer of the clutter.
     density : (ANGLES,) scattered share per steradian by angle from straight on, mean over heights; its

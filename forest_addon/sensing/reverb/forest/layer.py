@@ -51,8 +51,7 @@ class Layer:
         z = self.impedance[band]
         hard = ~np.isfinite(z)
         z = np.where(hard, 1.0, z)
-        reflected = np.abs((z * sine - 1.0) / (z * sine + 1.0)) ** 2
-        return np.where(hard, 1.0, reflected)
+        return np.where(hard, 1.0, np.abs((z * sine - 1.0) / (z * sine + 1.0)) ** 2)
 
 
 class _Tables:
@@ -216,7 +215,7 @@ class _Packets:
         self.way[rows, 1] = x * np.sin(turn) + y * np.cos(turn)
 
     def turn_in_space(self, rows: np.ndarray, tables: _Tables, rng: np.random.Generator) -> None:
-        """By an angle of the table, any way round."""
+        """Turn directions by an angle drawn from the table, at any azimuth about them."""
         share = rng.random(len(rows)) * 511.999
         cell = share.astype(np.int64)
         low, high = (tables.turns[self.band[rows], each] for each in (cell, cell + 1))

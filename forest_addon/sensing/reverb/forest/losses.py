@@ -117,7 +117,7 @@ class Losses:
     def of(
         cls, reverb: Reverb, air: Air, stand: TrunkStand, source: np.ndarray, receiver: np.ndarray
     ) -> Losses:
-        """Those of a model ``forest``."""
+        """Losses of a model ``forest``."""
         constant = reverb.ground_kind == "constant"
         resistivity = 0.0 if constant else reverb.flow_resistivity or SURFACES[reverb.ground_kind]
         return cls(
@@ -235,7 +235,7 @@ class Losses:
 
     @property
     def rises(self) -> tuple[float, ...]:
-        """By how much the straight path, and the ground's, rise from source to receiver."""
+        """Rise of the straight path and of the ground's, from source to receiver."""
         fall = abs(self.source_height - self.receiver_height)
         return (fall, self.source_height + self.receiver_height)[: 2 if self.ground else 1]
 
@@ -370,8 +370,7 @@ def stand_of(
     elif len(radii) > MOST_RADII:
         shares = (np.arange(MOST_RADII) + 0.5) / MOST_RADII
         radii = np.quantile(radii, shares, method="nearest")
-    density = len(trunks) / area
-    return TrunkStand(density, tuple(radii.tolist()), *rest)
+    return TrunkStand(len(trunks) / area, tuple(radii.tolist()), *rest)
 
 
 LEANS = 81  # of τ, over REACH of its unit

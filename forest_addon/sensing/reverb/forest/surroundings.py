@@ -118,8 +118,9 @@ def clutter_around(reverb: Reverb, canopy: FoliageCanopy) -> Clutter:
     clutter = replace(clutter, needle_radius=reverb.needle_radius)
     if reverb.leaf_area_density > 0 or reverb.needle_area_density > 0:
         clutter = clutter.filled(top).without_leaves()
-        clutter = clutter.with_leaves(reverb.leaf_area_density)
-        clutter = clutter.with_needles(reverb.needle_area_density)
+        layers = max(clutter.layers, 1)
+        leaves, needles = reverb.leaf_area_density, reverb.needle_area_density
+        clutter = replace(clutter, leaf_area=(leaves,) * layers, needle_area=(needles,) * layers)
     if reverb.floor_leaf_area > 0:
         clutter = clutter.on_floor(reverb.floor_leaf_area)
     if reverb.leaf_radius > 0:
@@ -132,7 +133,10 @@ def _density(
 ) -> Density:
     cell = max(math.sqrt(CELL_HOLDS / mean), float(size.max()) / MOST_CELLS)
     shape = np.maximum(1, np.round(size / cell)).astype(np.int64)
-    counts = _counted(place, corner, cell, shape)
+    x, y = (np.floor((place[:, n] - corner[n]) / cell).astype(np.int64) for n in range(2))
+    inside = (x >= 0) & (x < shape[0]) & (y >= 0) & (y < shape[1])
+    counts = np.bincount(x[inside] * shape[1] + y[inside], minlength=int(shape.prod()))
+    counts = counts.reshape(shape).astype(np.float64)
     start = float(corner[0]), float(corner[1])
     if counts.var() <= UNEVEN * counts.mean():
         if beyond > 0:
@@ -142,14 +146,6 @@ def _density(
     cells = counts / cell**2 / max(share, 1e-9)
     cells *= mean / max(float(cells.mean()), 1e-30)
     return Density(cells, start, (cell, cell), beyond)
-
-
-def _counted(place: np.ndarray, corner: np.ndarray, cell: float, shape: np.ndarray) -> np.ndarray:
-    """(A, B) how many places (N, 2) are in each cell."""
-    x, y = (np.floor((place[:, n] - corner[n]) / cell).astype(np.int64) for n in range(2))
-    inside = (x >= 0) & (x < shape[0]) & (y >= 0) & (y < shape[1])
-    counts = np.bincount(x[inside] * shape[1] + y[inside], minlength=int(shape.prod()))
-    return counts.reshape(shape).astype(np.float64)
 
 
 def _hull(place: np.ndarray) -> float:
@@ -213,8 +209,7 @@ def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:
 def _leaves(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
     """(L, 3) centres of some triangles, and (L,) m² that each stands for; not of shoots of needles."""
     rows = np.flatnonzero((mesh.part == LEAF) & ~shoot_triangles(mesh))
-    step = max(1, len(rows) // MOST)
-    corners = mesh.vertices[mesh.triangles[rows[::step]]]
+    corners = mesh.vertices[mesh.triangles[rows[:: max(1, len(rows) // MOST)]]]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = 0.5 * np.linalg.norm(across, axis=1)
     share = len(rows) / max(1, len(size))

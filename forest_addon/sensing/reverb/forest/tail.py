@@ -158,7 +158,9 @@ class Tail:
         self, frequency: np.ndarray, length: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """(X, F) spectra at rising lengths, from those that lie APART from each other."""
-        few = _thinned(length)
+        place = np.floor(np.log(length / length[0]) / APART)
+        rows = np.flatnonzero(np.diff(place, prepend=-1.0) > 0)
+        few = np.union1d(rows, [0, len(length) - 1])  # at least two
         level, space = self._spectra(frequency, length[few])
         low = (
             np.minimum(np.searchsorted(few, np.arange(len(length)), side="right"), len(few) - 1) - 1
@@ -216,13 +218,6 @@ class Tail:
         return np.where(length >= self.energy[0].edges[0], np.exp(logarithm), 0.0)
 
 
-def _thinned(length: np.ndarray) -> np.ndarray:
-    """Rows of lengths (X,), at least two, that lie APART from each other, first and last with them."""
-    place = np.floor(np.log(length / length[0]) / APART)
-    rows = np.flatnonzero(np.diff(place, prepend=-1.0) > 0)
-    return np.union1d(rows, [0, len(length) - 1])
-
-
 def tail_of(
     reverb: Reverb,
     losses: Losses,
@@ -262,8 +257,7 @@ def tail_of(
             _diffused(start, phase, density, edges)
             for start, phase in zip(transported_bands(phases, *given), phases, strict=True)
         ]
-    taken = replace(losses, extinction=way).removed(bands)
-    lift = taken - losses.removed(bands)
+    lift = replace(losses, extinction=way).removed(bands) - losses.removed(bands)
     turned, in_space = None, np.zeros(1)
     if not clutter.empty:
         layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)

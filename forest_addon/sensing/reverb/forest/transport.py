@@ -81,8 +81,7 @@ class Density:
         cell = np.floor((place - self.corner) / self.cell)
         inside = ((cell >= 0) & (cell < self.cells.shape)).all(axis=-1)
         i, j = np.where(inside[..., None], cell, 0).astype(np.int64).reshape(-1, 2).T
-        density = self.cells[i, j].reshape(inside.shape)
-        return np.where(inside, density, self.around)
+        return np.where(inside, self.cells[i, j].reshape(inside.shape), self.around)
 
     def inside(self, place: np.ndarray) -> np.ndarray:
         """(...,) bool, whether places (..., 2) lie within the outer edges of all cells."""
@@ -149,8 +148,7 @@ class PhaseFunction:
         angle = math.pi * (np.arange(ANGLES) + 0.5) / ANGLES
         scattered = np.abs(transfer(frequency, angle[:, None], radii, speed, bark)) ** 2
         mean = scattered.mean(axis=1)
-        size = 2.0 * math.pi * frequency / speed * radii
-        sections = cross_sections(size, bark)
+        sections = cross_sections(2.0 * math.pi * frequency / speed * radii, bark)
         width = float((sections.extinction * radii).mean())
         if extinction == "energy":
             less = float((sections.energy * radii).mean())
@@ -322,7 +320,7 @@ class _LevelPackets:
         rng: np.random.Generator,
         sent: Sequence[Sent],
     ) -> None:
-        """So many ``packets`` of each of these bands."""
+        """Send ``packets`` packets in each of these bands."""
         count = len(bands) * packets
         self.band = np.repeat(bands, packets)
         self.place = np.tile(np.asarray(source, np.float64), (count, 1))

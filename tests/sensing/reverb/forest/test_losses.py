@@ -51,10 +51,9 @@ def losses_of(stand=STAND, source=SOURCE, receiver=RECEIVER, **changes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rise", [0.0, 3.0])
-def test_a_trunk_in_space(rise):
+def test_a_trunk_in_space():
     """Both the weight and a path that rises, by an integral over vertical wavenumbers; far away to 1/kr."""
-    k, radius, legs, turned = 8.0, 0.15, (18.0, 24.0), 2.2
+    k, radius, legs, turned, rise = 8.0, 0.15, (18.0, 24.0), 2.2, 3.0
     x = sum(legs)
     exact = scattered_in_space(k, radius, legs, turned, rise)
     frequency = np.array([k * 343.0 / (2.0 * np.pi)])
@@ -118,15 +117,14 @@ def test_where_trunks_end_the_fresnel_integral_does():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("extinction", "lean", "surface", "bound"),
+    ("extinction", "lean", "surface", "bound", "spacing", "top"),
     [
-        ("none", 0.0, "snow", 1e-11),
-        ("none", 0.0, "asphalt", 1e-11),
-        ("energy", 0.0, "asphalt", 1e-7),
-        ("none", 2.0, "snow", 1e-5),
+        ("none", 0.0, "snow", 1e-11, 0.05, 320.0),
+        ("none", 0.0, "asphalt", 1e-11, 5.0, 10_240.0),
+        ("energy", 0.0, "asphalt", 1e-7, 0.05, 320.0),
+        ("none", 2.0, "snow", 1e-5, 5.0, 10_240.0),
     ],
 )
-@pytest.mark.parametrize(("spacing", "top"), [(0.05, 320.0), (5.0, 10_240.0)])
 def test_losses_between_nodes_are_those_of_every_frequency(
     extinction, lean, bound, surface, spacing, top
 ):
@@ -206,7 +204,7 @@ def along_the_axis(k: float, legs: tuple[float, float], turn: float, slope: np.n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frequency", [500.0, 1000.0, 2000.0])
+@pytest.mark.parametrize("frequency", [1000.0, 2000.0])
 def test_energy_over_a_ground_of_trunks_that_lean(frequency: float) -> None:
     """Mean over leans, turns, places on the way and a third of an octave, re upright trunks; 1.2 dB."""
     rng, lean, x = np.random.default_rng(1), 0.05, 30.0
@@ -226,8 +224,7 @@ def test_energy_over_a_ground_of_trunks_that_lean(frequency: float) -> None:
         plain += 1 + REFLECTED**2 + turned
     apart = 10 * np.log10(leaning / upright) - 10 * np.log10(formula / plain)
     assert abs(apart) < 1.2
-    if frequency > 600:
-        assert abs(10 * np.log10(leaning / upright)) > 0.3
+    assert abs(10 * np.log10(leaning / upright)) > 0.3
 
 
 def test_upright_trunks_keep_all_coherence_and_more_meetings_leave_less() -> None:
@@ -326,12 +323,9 @@ def test_few_pieces_are_the_same_stand(birch):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize(
-    "name", ["norway-spruce", pytest.param("scots-pine", marks=pytest.mark.slow)]
-)
-def test_shoots_are_needles_and_leaves_are_not(birch, name):
+def test_shoots_are_needles_and_leaves_are_not(birch):
     """Half the needles' surface within 20 %, and how far they are from the middle within 10 %."""
-    species, _ = load_species(find_species(name, Path()))
+    species, _ = load_species(find_species("norway-spruce", Path()))
     length = species.leaf.length.mean
     every = shoot_of(replace(species.needles, blades=0), length)
     drawn = shoot_of(species.needles, length)
@@ -408,12 +402,6 @@ def test_terms_tell_their_values():
         assert words in held
 
 
-def test_a_larger_tree_has_larger_leaves_higher_up():
-    found = canopy_of(scene(2.0), (3.0, 3.0), 100.0)
-    assert found.leaf_area_density == pytest.approx(2 * 0.5 * 4 / (100.0 * 2.0))
-    assert found.top == pytest.approx(20.0)
-
-
 def test_a_stand_at_random_is_even_and_one_with_an_edge_is_not():
     rng = np.random.default_rng(3)
     place = rng.uniform(0, 100, (800, 2))
@@ -433,16 +421,6 @@ def test_a_stand_at_random_is_even_and_one_with_an_edge_is_not():
     there = half.density.at(np.array([[20.0, 50.0], [80.0, 50.0]]))
     assert there[0] > 0.03
     assert there[1] == 0
-
-
-def test_what_is_in_the_model_is_said():
-    held, missing = terms_of(Reverb())
-    assert not any("bark" in name for name in held)
-    assert any("bark" in name for name in missing)
-    held, missing = terms_of(Reverb(model="forest"))
-    assert any("bark" in name for name in held)
-    assert any("branches" in name for name in held)
-    assert any("diffraction" in name for name in missing)
 
 
 def test_one_switch_gives_every_term():

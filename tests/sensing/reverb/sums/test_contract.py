@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import Phase, example, given, settings
-from hypothesis import strategies as st
 from references.reverb import sum_at_length
 
 from forest_addon.acoustics.air import absorption
@@ -33,17 +31,6 @@ from forest_addon.spec import Air, Reverb, SpecError
 
 slow, medium = pytest.mark.slow, pytest.mark.medium
 AIR = Air(sound_speed=343.0)
-LOSSES = st.fixed_dictionaries(
-    {
-        "surface": st.sampled_from(["constant", "snow", "forest floor", "grass", "asphalt"]),
-        "ground": st.floats(-1, 1),
-        "extinction": st.sampled_from(["none", "energy", "coherent"]),
-        "bark": st.sampled_from([0.0, 0.05, 0.9]),
-        "leaf_absorption": st.sampled_from([0.0, 0.0015, 0.01]),
-        "turbulence": st.sampled_from([0.0, 1.0, 100.0]),
-        "path_ground": st.booleans(),
-    }
-)
 
 
 def stand(
@@ -101,10 +88,7 @@ def forest(ends: tuple[np.ndarray, np.ndarray], leaves: float = 0.3, **changes: 
 # Trunks, their radii in m, side of the stand in m, Hz, leaves (None: air alone), and what is unusual.
 SCENES: dict[str, tuple[int, tuple[float, float], float, float, float | None, dict[str, Any]]] = {
     "441 thin trunks": (441, (0.007, 0.007), 100.0, 24e3, None, {}),
-    "441 thin ones of many radii": (441, (0.005, 0.012), 60.0, 8e3, None, {}),
-    "one radius": (60, (0.25, 0.25), 60.0, 8e3, None, {}),
     "one radius, leaves": (40, (0.15, 0.15), 40.0, 4e3, 0.5, {}),
-    "many radii": (40, (0.01, 0.5), 60.0, 4e3, None, {}),
     "many radii, leaves": (30, (0.01, 0.5), 40.0, 4e3, 0.3, {"bark": 0.05}),
     "up to a metre": (40, (0.05, 1.0), 60.0, 4e3, None, {}),
 }
@@ -136,8 +120,6 @@ def test_tolerance_is_kept_in_every_band_and_at_every_time(scene: str) -> None:
     ("count", "radii", "side", "rate", "tolerance", "air", "seconds"),
     [
         (60, (0.1, 0.1), 100.0, 24e3, 1e-4, (-40.0, 0.01, 60.0), None),
-        (60, (0.1, 0.1), 100.0, 24e3, 1e-4, (50.0, 100.0, 60.0), None),
-        pytest.param(60, (0.05, 0.2), 100.0, 24e3, 1e-4, (-40.0, 0.01, 60.0), None, marks=slow),
         (60, (0.12, 0.12), 60.0, 4e3, 1e-5, (0.0, 3.0, 101.3), 0.08),  # ends among arrivals
         pytest.param(5, (0.1, 0.1), 10.0, 192e3, 1e-4, (20.0, 50.0, 101.3), None, marks=slow),
     ],
@@ -161,7 +143,7 @@ def test_every_air(
 @medium
 @pytest.mark.parametrize(
     "radii",
-    [(0.02, 0.02), pytest.param((0.5, 2.0), marks=slow), pytest.param((0.1, 0.3), marks=slow)],
+    [(0.02, 0.02), pytest.param((0.5, 2.0), marks=slow)],
 )
 def test_the_exact_sum_is_exact_at_all_times(radii: tuple[float, float]) -> None:
     """Against one transform of ten minutes, also before the first arrival and below 20 Hz."""
@@ -183,8 +165,7 @@ def test_the_exact_sum_with_every_loss_is_exact() -> None:
 
 
 @slow
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
-def test_thick_trunks_beside_both_ends(tolerance: float) -> None:
+def test_thick_trunks_beside_both_ends() -> None:
     """Was 4 to 7 times over in a tenth of the record."""
     rng = np.random.default_rng(5)
     ends = np.array([[-10.0, 0.0], [10.0, 0.0]])
@@ -192,60 +173,26 @@ def test_thick_trunks_beside_both_ends(tolerance: float) -> None:
     place = np.concatenate([near, rng.uniform(-60, 60, (60, 2))])
     trunks = Trunks(place, rng.uniform(0.5, 2.0, 72), np.arange(72))
     paths = trunk_paths(trunks, *ends, 2.0, 0.7)
-    assert worst(paths, 4e3, tolerance) < 1.0
+    assert worst(paths, 4e3, 1e-4) < 1.0
 
 
 @slow
-@settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
-@given(
-    given_losses=LOSSES,
-    leaves=st.sampled_from([0.0, 0.3, 3.0]),
-    span=st.tuples(st.floats(-2.3, 0.3), st.floats(-2.3, 0.3)),
-    distance=st.floats(1.0, 40.0),
-    side=st.floats(20.0, 120.0),
-    air=st.tuples(st.sampled_from([-40.0, 0.0, 20.0, 50.0]), st.sampled_from([0.01, 3.0, 100.0])),
-    tolerance=st.sampled_from([1e-2, 1e-4, 1e-5, 1e-6]),
-    seed=st.integers(0, 10_000),
-)
-@example(  # was 1.09 of the tolerance: what trunks that lean do had a kink at 20 Hz
-    given_losses={
-        "surface": "grass",
-        "ground": 3.4e-42,
-        "extinction": "coherent",
-        "bark": 0.0,
-        "leaf_absorption": 0.0,
-        "turbulence": 1.0,
-        "path_ground": True,
-    },
-    leaves=3.0,
-    span=(-0.0454, -0.1449),
-    distance=1.1,
-    side=63.4,
-    air=(50.0, 100.0),
-    tolerance=1e-4,
-    seed=10_000,
-)
-def test_every_loss_and_air(
-    given_losses: dict[str, object],
-    leaves: float,
-    span: tuple[float, float],
-    distance: float,
-    side: float,
-    air: tuple[float, float],
-    tolerance: float,
-    seed: int,
-) -> None:
-    low, high = sorted(10.0 ** np.array(span))
-    paths, *ends = stand(40, (low, high), side, distance, seed)
-    state = Air(sound_speed=343.0, temperature_c=air[0], humidity=air[1])
-    losses = Losses.of(
-        Reverb(model="forest", **given_losses),
-        state,
-        TrunkStand(0.03, (low, math.sqrt(low * high), high), leaves, 20.0),
-        *ends,
+def test_trunks_that_lean_in_warm_air_with_leaves() -> None:
+    """Was 1.09 of the tolerance: what trunks that lean do had a kink at 20 Hz."""
+    radii = 10.0**-0.1449, 10.0**-0.0454
+    paths, *ends = stand(40, radii, 63.4, 1.1, 10_000)
+    air = Air(sound_speed=343.0, temperature_c=50.0, humidity=100.0)
+    reverb = Reverb(
+        model="forest",
+        surface="grass",
+        ground=3.4e-42,
+        extinction="coherent",
+        bark=0.0,
+        turbulence=1.0,
     )
-    known = 10.0 if tolerance < 1e-5 else 1.0  # of losses at 1e-6 the contract says so
-    assert worst(paths, 4e3, tolerance, losses, state) < known
+    trunks = TrunkStand(0.03, (radii[0], math.sqrt(radii[0] * radii[1]), radii[1]), 3.0, 20.0)
+    losses = Losses.of(reverb.changed(leaf_absorption=0.0), air, trunks, *ends)
+    assert worst(paths, 4e3, 1e-4, losses, air) < 1.0
 
 
 @slow
@@ -279,8 +226,10 @@ def test_below_20_hz() -> None:
 
 
 @medium
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, np.pi / 2, np.pi - 1e-6, np.pi])
-@pytest.mark.parametrize("different", [False, pytest.param(True, marks=slow)])
+@pytest.mark.parametrize(
+    ("angle", "different"),
+    [(0.0, True), (1e-9, False), (1e-3, True), (1.6, False), (np.pi - 1e-6, True), (np.pi, False)],
+)
 def test_single_angles(angle: float, different: bool) -> None:
     """Straight on and straight back, where cos φ is at its ends."""
     radius = np.linspace(0.2, 0.25, 6) if different else np.full(6, 0.25)
@@ -329,20 +278,6 @@ def test_chosen_by_tolerance_and_number() -> None:
     assert 0 < np.linalg.norm(gap) < 1e-4 * np.linalg.norm(listen(300, 0.0).samples)
 
 
-def test_gain_of_each_path() -> None:
-    rng = np.random.default_rng(2)
-    trunks = Trunks(rng.uniform(-30, 30, (200, 2)), np.full(200, 0.2), np.arange(200))
-    reverb = Reverb(duration=0.3, sample_rate=8000.0)
-    ends = np.array([[-5.0, 0], [5.0, 0]])
-    heard = np.arange(200) % 2 == 0
-    some = Trunks(trunks.position[heard], trunks.radius[heard], trunks.tree[heard])
-    np.testing.assert_allclose(
-        tree_response(trunks, *ends, reverb, AIR, gain=heard * 3.0).samples,
-        tree_response(some, *ends, reverb, AIR).samples * 3.0,
-        atol=1e-6,
-    )
-
-
 @slow
 @pytest.mark.parametrize(
     ("source", "receiver"),
@@ -382,34 +317,18 @@ def test_hard_places(
     assert gap < 1e-4 * np.linalg.norm(exact.samples)
 
 
-def test_no_trunks() -> None:
-    none, *_ = stand(0, (0.25, 0.25), 150.0, 10.0)
-    assert not Expansions().sum(none, 24e3, 100, AIR, 1e-4).samples.any()
-
-
 @medium
 @pytest.mark.parametrize("radii", [(0.25, 0.25), pytest.param((0.1, 0.2), marks=slow)])
 def test_order_of_trunks_does_not_matter(radii: tuple[float, float]) -> None:
-    some, *_ = stand(2000, radii, 150.0, 10.0)
-    order = np.random.default_rng(3).permutation(2000)
+    some, *_ = stand(500, radii, 80.0, 10.0)
+    order = np.random.default_rng(3).permutation(500)
     prepared, told = Expansions(), []
-    one = prepared.sum(some, 8e3, 9000, AIR, 1e-6, progress=lambda *at: told.append(at)).samples
-    other = prepared.sum(some.select(order), 8e3, 9000, AIR, 1e-6).samples
+    one = prepared.sum(some, 8e3, 4000, AIR, 1e-6, progress=lambda *at: told.append(at)).samples
+    other = prepared.sum(some.select(order), 8e3, 4000, AIR, 1e-6).samples
     np.testing.assert_allclose(one, other, atol=1e-6 * np.abs(one).max())
     shares = [done / every for done, every in told]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
-
-
-@medium
-def test_what_was_dropped_is_set_up_anew_with_the_same_samples() -> None:
-    some, other = (stand(500, (radius, radius), 150.0, 10.0)[0] for radius in (0.25, 0.2))
-    prepared = Expansions()
-    first = prepared.sum(some, 8e3, 4000, AIR, 1e-4).samples
-    prepared._layers.limit = 1
-    prepared.sum(other, 8e3, 4000, AIR, 1e-4)
-    assert len(prepared._layers) == 1
-    np.testing.assert_array_equal(prepared.sum(some, 8e3, 4000, AIR, 1e-4).samples, first)
 
 
 def test_what_cannot_be_kept_is_refused() -> None:
