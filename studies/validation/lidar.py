@@ -138,21 +138,23 @@ The twin's cover was 61 % (seed 1), 22 points short. The causes, each measured a
 - **Shared variants, 10 points.** Six variants a species, each in the size of its trees' diameters, left
   beeches crowns of 0.29 m² a square metre where their targets say 0.45, and heights up to 3 m amiss. With
   each tree grown for itself cover is 71 %. A species of a twin has up to twenty variants now.
-- **Widths of crowns, 3 points together with the next.** Widths of beeches were lent from 1,096 broadleaves of
-  which 1,070 are evergreens of the tropics. They are those of 385 deciduous ones now ([trees as they are
-  measured](measured-trees.md#allometry)).
-- **Neighbours.** Crowns were narrowed where stems stood near, though they stand aside of their stems: circles
-  of the targets covered 79 % of the plot, 80 with the wider law, and 83 since they are narrowed where they stand.
-- **Pulses without an echo.** Steps of the mirror without a return tell how many were lost: of pulses between two
-  that met the canopy 10 and 14 % at 1,000 m, none at 500 and 740 m. Ours lost a quarter at 1,000 m: cover was
-  62 and 68 % there, 77 at 740 and 80 at 500 m (real 80, 84, 84, 86).
+- **Widths of crowns, 3 points together with the next.** Widths of beeches were lent from 1,096
+  broadleaves of which 1,070 are evergreens of the tropics. They are those of 385 deciduous ones now
+  ([trees as they are measured](measured-trees.md#allometry)).
+- **Neighbours.** Crowns were narrowed where stems stood near, though they stand aside of their stems:
+  circles of the targets covered 79 % of the plot, 80 with the wider law, and 83 since they are narrowed
+  where they stand.
+- **Pulses without an echo.** Steps of the mirror without a return tell how many were lost: of pulses
+  between two that met the canopy 10 and 14 % at 1,000 m, none at 500 and 740 m. Ours lost a quarter at
+  1,000 m: cover was 62 and 68 % there, 77 at 740 and 80 at 500 m (real 80, 84, 84, 86).
 
-What is left: of a hundred pulses at 500 m 34 meet the canopy and the ground, in the real cloud 11. Near stems
-both agree (12 and 11 % of last returns at the ground within half a metre), from 1.5 to 2 m away 42 and 15 %.
-A beech alone hides 99 % of the ground to three quarters of its radius, and 62 % of what is beyond, where 44 %
-of its circle is; evenly strewn leaves (`gaps` 0) or a crown of leaves at its surface (`shell` 1) make it
-68 and 69, and no measurement of either was found. Understorey was not what was missing: from 3 to 4 m off any
-stem the real canopy above 6 m covers 55 % of the ground, ours 22 before and 43 % now, what is lower 11 and 5 %.
+What is left: of a hundred pulses at 500 m 34 meet the canopy and the ground, in the real cloud 11. Near
+stems both agree (12 and 11 % of last returns at the ground within half a metre), from 1.5 to 2 m away 42
+and 15 %. A beech alone hides 99 % of the ground to three quarters of its radius, and 62 % of what is
+beyond, where 44 % of its circle is; evenly strewn leaves (`gaps` 0) or a crown of leaves at its surface
+(`shell` 1) make it 68 and 69, and no measurement of either was found. Understorey was not what was
+missing: from 3 to 4 m off any stem the real canopy above 6 m covers 55 % of the ground, ours 22 before
+and 43 % now, what is lower 11 and 5 %.
 
 **Waveforms.** The 500 lie on one transect of 60 x 3 m, so ours are transects of that size. Echoes of the
 digitiser are never as narrow as what it sends: Gaussians fitted to sent pulses have a standard deviation
