@@ -51,7 +51,6 @@ INSIDE = {
     "fly": "forest_addon.flight.flying:fly",
     "SIZE": "forest_addon.flight.policies:SIZE",
     "Trained": "forest_addon.flight.policies:Trained",
-    "train": "forest_addon.flight.policies:train",
     "EchoPolicy": "forest_addon.flight.policies:EchoPolicy",
     "decided": "forest_addon.flight.policies:decided",
     "Gap": "forest_addon.flight.policies:Gap",

@@ -92,16 +92,18 @@ def lay(
     place : (M,) grid points, 0 … S. cycles : (M,) that each is turned back. heights : (R, M) complex, R at
     most C. weights : (M, N) real, of each in the grids.
     """
-    size, echoes = grid.shape[1] - chosen.width, (len(place), place, cycles, len(heights))
+    size = grid.shape[1] - chosen.width
     library = kernels.library()
     if library is not None:
-        largest, heights = np.empty(len(place)), np.ascontiguousarray(heights, np.complex128)
-        width, powers = chosen.polynomial.shape[::-1]
+        largest, heights = np.empty(len(place)), np.asarray(heights, np.complex128)
+        if not heights.flags.f_contiguous:
+            heights = np.ascontiguousarray(heights)
+        steps = [step // heights.itemsize for step in heights.strides]
+        by_row = heights if heights.flags.c_contiguous else heights.T
+        echoes = len(place), place, cycles, len(heights), by_row, *steps
         weights = np.ascontiguousarray(weights, np.float64)
-        library.lay_echoes(
-            *(*echoes, heights, len(grid), weights, width, powers, chosen.polynomial, size, grid),
-            largest,
-        )
+        points = chosen.width, len(chosen.polynomial), chosen.polynomial, size
+        library.lay_echoes(*echoes, len(grid), weights, *points, grid, largest)
         return largest
     first, taps = chosen.spread(place)
     points = np.where(first < 0, first + size, first)[:, None] + np.arange(chosen.width)

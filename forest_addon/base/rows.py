@@ -98,9 +98,3 @@ def distinct(values: np.ndarray) -> np.ndarray:
     first = np.ones(len(ordered), dtype=bool)
     np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
     return ordered[first]
-
-
-def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(Σ count,) row of each of so many copies, and which copy of its row it is."""
-    row = np.repeat(np.arange(len(count)), count)
-    return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)

@@ -49,6 +49,14 @@ def sums(owner: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     return np.stack([np.bincount(owner, column, count) for column in values.T], axis=1)
 
 
+def along_lines(point: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(N,) how far along its polyline each point (N, 3) is. first : (C + 1,) where lines begin, and N."""
+    step = np.linalg.norm(np.diff(point, axis=0, prepend=point[:1]), axis=1)
+    step[first[:-1]] = 0.0
+    total = np.cumsum(step)
+    return np.asarray(total - np.repeat(total[first[:-1]], np.diff(first)))
+
+
 def firsts(ranked: np.ndarray, owner: np.ndarray) -> np.ndarray:
     """The first row of each owner, of rows ranked so that those of an owner (N,) stand together."""
     return ranked[np.diff(owner[ranked], prepend=-1) > 0]

@@ -59,15 +59,22 @@ class TriMesh:
     edges: Edges | Callable[[], Edges] | None = None
 
     @classmethod
-    def of_part(cls, vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
-        """A mesh of one part, without leaf numbers, in material slot 0."""
+    def of_part(
+        cls,
+        vertices: np.ndarray,
+        triangles: np.ndarray,
+        part: int,
+        leaf: np.ndarray | int = -1,
+        material: int = 0,
+    ) -> TriMesh:
+        """A mesh of one part and material slot. leaf : (T,) numbers of leaves; -1: of none."""
         count = len(triangles)
         return cls(
             vertices=np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3),
             triangles=np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3),
             part=np.full(count, part, dtype=np.int8),
-            leaf=np.full(count, -1, dtype=np.int32),
-            material=np.zeros(count, dtype=np.int32),
+            leaf=np.full(count, leaf, dtype=np.int32),
+            material=np.full(count, material, dtype=np.int32),
         )
 
     def known_edges(self) -> Edges | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .rows import lengths
+
 
 def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Cross products (N, 3) of rows; several times as fast as ``numpy.cross``."""
@@ -59,3 +61,27 @@ def nearest_on_triangles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
         nearest[nearer] = (points - gap)[nearer]
         least = np.where(nearer, distance, least)
     return nearest
+
+
+def beside_segments(
+    points: np.ndarray, start: np.ndarray, way: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Shares (...) of segments from ``start`` (..., 3) along ``way`` (..., 3) next to points (..., 3), and
+    from there to them (..., 3)."""
+    offset = points - start
+    square = np.maximum(np.einsum("...i,...i", way, way), 1e-18)
+    share = np.clip(np.einsum("...i,...i", offset, way) / square, 0.0, 1.0)
+    return share, offset - share[..., None] * way
+
+
+def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
+    """Times that triangles (T, 3, 3) go round a point (3,): 1 inside a closed mesh, 0 outside.
+
+    Solid angles by Van Oosterom & Strackee 1983.
+    """
+    a, b, c = (corners[:, k] - point for k in range(3))
+    la, lb, lc = lengths(a), lengths(b), lengths(c)
+    above = np.einsum("ti,ti->t", a, cross_rows(b, c))
+    ab, bc, ca = (np.einsum("ti,ti->t", *pair) for pair in ((a, b), (b, c), (c, a)))
+    below = la * lb * lc + ab * lc + bc * la + ca * lb
+    return abs(float(np.arctan2(above, below).sum())) / (2 * np.pi)

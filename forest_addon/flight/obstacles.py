@@ -11,8 +11,10 @@ import numpy as np
 import scipy
 from scipy.spatial import cKDTree
 
-from ..base.rows import distinct, lengths, repeated
+from ..base.rows import distinct, lengths
+from ..base.runs import numbered
 from ..base.trimesh import LEAF, TriMesh, is_wood
+from ..base.vectors import nearest_on_triangles, winding_number
 from ..growth.own_tree.centreline import find_centrelines
 from ..growth.own_tree.pieces import part
 from ..sensing.rays.geometry import SceneGeometry, invert_transforms
@@ -89,7 +91,7 @@ class MeshObstacles:
         first = np.floor((low - self._map_low) / SQUARE).astype(np.int64)
         span = np.floor((high - self._map_low) / SQUARE).astype(np.int64) - first + 1
         count = span.prod(axis=1)
-        item, place = repeated(count)
+        item, place = numbered(count)
         x, y = np.divmod(place, span[item, 1])
         square = (first[item, 0] + x) * self._squares[1] + first[item, 1] + y
         order = np.argsort(square, kind="stable")
@@ -156,7 +158,7 @@ class MeshObstacles:
             rows = np.flatnonzero((count > first) & ~np.isfinite(share))
             if not len(rows):
                 break
-            which, piece = repeated(np.minimum(count[rows] - first, AT_ONCE))
+            which, piece = numbered(np.minimum(count[rows] - first, AT_ONCE))
             row = rows[which]
             step = way[row] / count[row, None]
             here = start[row] + (first + piece)[:, None] * step
@@ -196,12 +198,12 @@ class MeshObstacles:
         first, last = np.maximum(first, 0), np.minimum(last, shape - 1)
         span = np.maximum(last - first + 1, 0)
         span[(span == 0).any(axis=1)] = 0
-        pair, place = repeated(span[:, 0] * span[:, 1])  # lines of cells along z
+        pair, place = numbered(span[:, 0] * span[:, 1])  # lines of cells along z
         x, y = np.divmod(place, span[pair, 1])
         line = (first[pair, 0] + x) * shape[pair, 1] + first[pair, 1] + y
         line = self._first[which[pair]] + line * shape[pair, 2]
         begin, end = self._starts[line + first[pair, 2]], self._starts[line + last[pair, 2] + 1]
-        of, place = repeated(end - begin)
+        of, place = numbered(end - begin)
         total = len(self._corners)
         key = distinct(pair[of] * total + self._items[begin[of] + place])
         pair, item = np.divmod(key, total)
@@ -229,24 +231,9 @@ class MeshObstacles:
         )
         for which in met:
             item = np.arange(*self._shift[self._mesh[which] : self._mesh[which] + 2])
-            own = self._placed(np.full(len(item), which), item)
-            a, b, c = (own - place).transpose(1, 0, 2)
-            la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-            top = np.einsum("ti,ti->t", a, np.cross(b, c))
-            low = la * lb * lc
-            for one, other, length in ((a, b, lc), (b, c, la), (c, a, lb)):
-                low = low + np.einsum("ti,ti->t", one, other) * length
-            if abs(2.0 * np.arctan2(top, low).sum()) > 2.0 * np.pi:
+            if winding_number(place, self._placed(np.full(len(item), which), item)) > 0.5:
                 return True
         return False
-
-    def distance(self, place: np.ndarray, most: float) -> float:
-        """Metres from (3,) to the nearest solid; ``inf`` where that is beyond ``most``."""
-        if not len(self._mesh):
-            return np.inf
-        _, corners = self._around(place[None], place[None], most)
-        nearest = float(distances(place, corners).min(initial=np.inf))
-        return nearest if nearest <= most else np.inf
 
 
 # Obstacles in one mesh: its triangles in cells, and the least distance from all of them to each cell.
@@ -295,7 +282,7 @@ def _along(
     starts = np.setdiff1d(np.arange(len(knot) - 1), first[1:-1] - 1)
     length = np.linalg.norm(knot[starts + 1] - knot[starts], axis=1)
     count = np.clip(np.ceil(length / np.maximum(radius[starts], 1e-3)), 1, 64).astype(np.int64)
-    which, place = repeated(count)
+    which, place = numbered(count)
     row, share = starts[which], place / count[which]
     places = knot[row] + share[:, None] * (knot[row + 1] - knot[row])
     thick = radius[row] + share * (radius[row + 1] - radius[row])
@@ -342,7 +329,7 @@ class Solid:
             self.shape = np.maximum(-(-self.shape // 2), 1)
             first, last = first // 2, last // 2
         span = last - first + 1
-        item, place = repeated(span.prod(axis=1))
+        item, place = numbered(span.prod(axis=1))
         across = span[item]
         x, rest = np.divmod(place, across[:, 1] * across[:, 2])
         y, z = np.divmod(rest, across[:, 2])
@@ -381,26 +368,15 @@ def touches(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarr
 
 def distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """(T,) metres from a point (3,), or (T, 3) one each, to triangles (T, 3, 3)."""
-    nearest = np.full(len(corners), np.inf)
-    for k, n in enumerate(NEXT):
-        edge = corners[:, n] - corners[:, k]
-        away = point - corners[:, k]
-        along = np.einsum("ti,ti->t", away, edge) / np.maximum(
-            np.einsum("ti,ti->t", edge, edge), 1e-300
-        )
-        away -= np.clip(along, 0.0, 1.0)[:, None] * edge
-        np.minimum(nearest, np.sqrt(np.einsum("ti,ti->t", away, away)), out=nearest)
-    normal, length = _normals(corners)
-    high = np.einsum("ti,ti->t", point - corners[:, 0], normal)
-    foot = point - high[:, None] * normal
-    inside = _inside(foot, corners, normal) & (length > 0)
-    nearest[inside] = np.abs(high[inside])
-    return nearest
+    point = np.broadcast_to(point, (len(corners), 3))
+    return lengths(point - nearest_on_triangles(point, corners))
 
 
 def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
     """Shares of ways at which spheres touch the insides of triangles."""
-    normal, length = _normals(corners)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = lengths(normal)
+    normal /= np.where(length > 0, length, 1.0)[:, None]
     high = np.einsum("ti,ti->t", start - corners[:, 0], normal)
     side = np.sign(high)
     towards = side * np.einsum("ti,ti->t", way, normal)
@@ -412,7 +388,12 @@ def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarra
     if len(rows):
         n, some = normal[rows], share[rows, None]
         foot = start[rows] + some * way[rows] - radius * side[rows, None] * n
-        share[rows[~_inside(foot, corners[rows], n)]] = np.inf
+        inside = np.ones(len(rows), dtype=bool)
+        for one, other in enumerate(NEXT):
+            edge = corners[rows, other] - corners[rows, one]
+            turn = np.cross(edge, foot - corners[rows, one])
+            inside &= np.einsum("ti,ti->t", turn, n) >= 0
+        share[rows[~inside]] = np.inf
     return share
 
 
@@ -441,19 +422,3 @@ def first_within(away: np.ndarray, way: np.ndarray, reach: np.ndarray | float) -
     with np.errstate(invalid="ignore", divide="ignore"):
         share = c / (np.sqrt(b * b - a * c) - b)
     return np.where((b < 0) & (share >= 0), share, np.inf)
-
-
-def _normals(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(T, 3) unit normals, 0 where a triangle has no area, and (T,) twice the areas."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.sqrt(np.einsum("ti,ti->t", normal, normal))
-    return normal / np.where(length > 0, length, 1.0)[:, None], length
-
-
-def _inside(foot: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(T,) whether places (T, 3) in the planes of triangles lie within them."""
-    inside = np.ones(len(corners), dtype=bool)
-    for k, n in enumerate(NEXT):
-        turn = np.cross(corners[:, n] - corners[:, k], foot - corners[:, k])
-        inside &= np.einsum("ti,ti->t", turn, normal) >= 0
-    return inside

@@ -14,7 +14,6 @@ A policy turns what N flyers sense into actions (N, A). It knows nothing of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -220,7 +219,6 @@ def policy_of(
 SECTORS, GATES, HIDDEN = 15, 7, 8
 INPUTS = SECTORS + 2
 SIZE = HIDDEN * (INPUTS + 1) + 2 * (HIDDEN + 1)
-KEPT = 0.2  # share of the drawings that are the best
 NEAR = 4.0  # metres: the scale on which nearness is felt
 QUIET, LOUDER, ASIDE = (
     -60.0,
@@ -311,28 +309,3 @@ def load(path: Path, flight: Flight, sense: LidarSense | EarSense) -> Trained:
     if weights.shape != (SIZE,) or not np.isfinite(weights).all():
         raise SpecError(str(path), f"has weights {weights.shape}, not ({SIZE},); train anew")
     return Trained(flight, sense, weights)
-
-
-def train(
-    score: Callable[[np.ndarray, int], np.ndarray],
-    rng: np.random.Generator,
-    rounds: int = 20,
-    drawings: int = 64,
-    tell: Callable[[int, np.ndarray], None] | None = None,
-) -> np.ndarray:
-    """The weights (SIZE,) that the cross-entropy method comes to.
-
-    score : (D,) of weights (D, SIZE), higher is better, in a round. tell : called as tell(round, scores).
-    """
-    mean, spread = np.zeros(SIZE), np.ones(SIZE)
-    best = max(2, round(KEPT * drawings))
-    for number in range(rounds):
-        weights = mean + spread * rng.standard_normal((drawings, SIZE))
-        weights[0] = mean
-        scores = score(weights, number)
-        chosen = weights[np.argsort(-scores, kind="stable")[:best]]
-        extra = 0.3 * max(0.0, 1.0 - number / (0.7 * rounds))
-        mean, spread = chosen.mean(axis=0), chosen.std(axis=0) + extra
-        if tell:
-            tell(number, scores)
-    return mean

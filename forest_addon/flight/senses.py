@@ -108,12 +108,6 @@ class LidarSense:
         )
         self._scan: tuple[Any, Scan] | None = None
 
-    def pose(self, state: State, row: int = 0) -> Pose:
-        """A flyer's pose as settings say one: ``Mobile(..., poses=(pose,))`` scans as it does."""
-        heading, pitch, roll = degrees(state, row)
-        x, y, z = state.position[row].tolist()
-        return Pose(position=(x, y, z), heading_deg=heading, pitch_deg=pitch, roll_deg=roll)
-
     def look(
         self, around: Any, state: State, seeds: np.ndarray, time: np.ndarray | None = None
     ) -> np.ndarray:
@@ -185,12 +179,6 @@ class EarSense:
         frame = frame_of(math.radians(heading), math.radians(pitch))
         velocity = self.sonar.speed * frame[0]
         return Place(state.position[row].copy(), frame, velocity, time=time)
-
-    def settings(self, state: State, row: int = 0) -> Sonar:
-        """The sonar at a flyer's pose as settings say it: ``World.ping`` hears what the flyer does."""
-        heading, pitch, _ = degrees(state, row)
-        x, y, z = state.position[row].tolist()
-        return self.sonar.changed(position=(x, y, z), azimuth_deg=heading, elevation_deg=pitch)
 
     def ping(
         self,

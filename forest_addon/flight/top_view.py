@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.rows import repeated
+from ..base.runs import numbered
 from ..base.trimesh import LEAF
 
 PIXELS = 480  # of the longer side
@@ -36,7 +36,7 @@ class TopView:
         """(Y, X, 3) uint8. trail : (P, 3) places from the start on. heading : radians."""
         picture = self.picture.copy()
         steps = np.linalg.norm(np.diff(trail[:, :2], axis=0), axis=1)
-        row, place = repeated(np.maximum((steps * self._scale * 1.5).astype(int), 1))
+        row, place = numbered(np.maximum((steps * self._scale * 1.5).astype(int), 1))
         if len(steps):
             share = place / np.bincount(row)[row]
             line = trail[row, :2] + share[:, None] * (trail[row + 1, :2] - trail[row, :2])

@@ -29,12 +29,6 @@ def draw_discrete(choice: Discrete, keys: np.ndarray, purpose: str) -> np.ndarra
     return np.array(choice.values, np.int64)[rank]
 
 
-def mean_of(choice: Discrete) -> float:
-    """The expected number."""
-    weights = np.array(choice.weights or (1.0,) * len(choice.values))
-    return float(np.dot(weights, choice.values) / weights.sum())
-
-
 def draw_inclination(spread: Inclination, keys: np.ndarray) -> np.ndarray:
     """(N,) angles between a leaf and the horizontal, radians, one a key."""
     share = keyed_uniform(keys, "inclination")

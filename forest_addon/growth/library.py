@@ -36,11 +36,11 @@ from ..formats.foreign import guarded
 from ..formats.ownership import claim, remove
 from ..formats.stl import StlError, read_stl, write_stl
 from ..formats.toml_file import VERSION_KEY, read_settings
-from ..spec import Allometry, Grammar, Siblings, SpecError, Species, quoted_with_hints, unknown
+from ..spec import Allometry, Siblings, SpecError, Species, quoted_with_hints, unknown
 from .likeness import Verdict, judge
 from .lsystem.system import ExpressionError, GrammarError
 from .lsystem.turtle import check_rules
-from .measured.allometry import Kind, diameters, half_of_surface
+from .measured.allometry import DIAMETER_UNITS, Kind, half_of_surface
 from .mesh.blades import Blade, BladeError, blade_from, leaf_blade
 from .mesh.leaves import measure_leaves
 from .own_tree.anatomy import dissect
@@ -59,7 +59,6 @@ from .own_tree.pieces import (
 from .own_tree.recognise import LeanError, Recognition, TemplateError, recognise
 from .own_tree.template import TreeTemplate, dress, fit_grammar, split_tree
 
-FOLDER = ASSETS / "allometry"
 COLUMNS = {
     "dbh": "dbh_m",
     "height": "height_m",
@@ -67,14 +66,19 @@ COLUMNS = {
     "crown_base": "crown_base_m",
     "leaf_area": "leaf_area_m2",
 }
+SIBLINGS = """
+# Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
+[siblings]
+variety = {variety}
+allometry = "{allometry}"
+"""
+FITTED = (  # settings of a grammar that are fitted to a tree, in the order of its file
+    *("generations", "copies", "length", "side_ratio", "centre_ratio", "angle_deg", "twist_deg"),
+    *("radius", "radius_ratio"),
+)
 MOST_OF_TREE, MOST_OF_LEAF = 3_000_000, 10_000  # facets of a file
 KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft
 _recognised: LastAsked[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = LastAsked(KEPT)
-
-
-def allometry_names() -> list[str]:
-    """Every preset of ``assets/allometry``."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def file_stem(name: str) -> str:
@@ -89,9 +93,9 @@ def read_allometry(name: str, folder: Path) -> Allometry:
     ------
     SpecError : there is no such allometry, or its file cannot be used.
     """
-    path = folder / name if name.endswith(".toml") else FOLDER / f"{name}.toml"
-    if not path.is_file() or (not name.endswith(".toml") and name not in allometry_names()):
-        raise unknown("allometry", name, allometry_names(), ", or a .toml file")
+    path = _preset("allometry", name, folder)
+    if not path.is_file():
+        raise unknown("allometry", name, presets("allometry"), ", or a .toml file")
     return _read(path, path.stat().st_mtime_ns)
 
 
@@ -123,7 +127,7 @@ def read_measured(path: Path) -> dict[str, np.ndarray]:
             [_number(path, line, column, row[column]) for line, row in enumerate(rows, 2)]
         )
     way = np.array([row.get("leaf_area_is") or "" for row in rows])
-    table["dbh"] = diameters(table["dbh"], table["study"])
+    table["dbh"] *= np.array([DIAMETER_UNITS.get(str(name), 1.0) for name in table["study"]])
     table["leaf_area"] = half_of_surface(
         table["leaf_area"], table["species"], table["pft"], table["study"], way
     )
@@ -151,11 +155,21 @@ def find_species(name: str, folder: Path) -> Path:
     """
     if not name:
         raise SpecError("species", "is empty; choose a preset or a .toml file")
+    return _preset("species", name, folder)
+
+
+def _preset(kind: str, name: str, folder: Path) -> Path:
+    """The file of a preset of ``assets``, or the one of that name relative to ``folder``."""
     if name.endswith(".toml"):
         return folder / name
-    if name not in (names := species_names()):
-        raise unknown("species", name, names, ", or a .toml file")
-    return ASSETS / "species" / f"{name}.toml"
+    if name not in (names := presets(kind)):
+        raise unknown(kind, name, names, ", or a .toml file")
+    return ASSETS / kind / f"{name}.toml"
+
+
+def presets(kind: str) -> list[str]:
+    """Every preset of a folder of ``assets``."""
+    return sorted(path.stem for path in (ASSETS / kind).glob("*.toml"))
 
 
 def check_known(names: Mapping[str, str], folder: Path) -> None:
@@ -165,7 +179,7 @@ def check_known(names: Mapping[str, str], folder: Path) -> None:
     ------
     SpecError : some are not; names all of them, each with the nearest preset.
     """
-    known, wrong = species_names(), []
+    known, wrong = presets("species"), []
     for key, name in names.items():
         try:
             path = find_species(name, folder)
@@ -181,11 +195,6 @@ def check_known(names: Mapping[str, str], folder: Path) -> None:
         raise SpecError(
             where, f"{said} are not there; use some of {', '.join(known)}, or .toml files"
         )
-
-
-def species_names() -> list[str]:
-    """Every preset of ``assets/species``."""
-    return sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
 
 
 @guarded("a species file", meant=(OSError,))
@@ -368,8 +377,7 @@ def make_library(
     tell(1, 5)
     leaf, leaves = None, recognition.leaves
     if leaves.count:
-        mesh = TriMesh.of_part(leaves.vertices, leaves.triangles, LEAF)
-        mesh.leaf[:] = leaves.piece
+        mesh = TriMesh.of_part(leaves.vertices, leaves.triangles, LEAF, leaves.piece)
         leaf = float(np.median(measure_leaves(mesh).length))
     tall = float(np.ptp(timber[:, :, 2]))
     scale = infer_unit(tall, None if recognition.fronds else leaf)  # a frond's tells no unit
@@ -384,10 +392,12 @@ def make_library(
         habit = fit(dissect(recognition, metres))
         tell(2, 5)
         if grammar == "tanveer-2020a":
-            how = _grammar_text(fit_grammar(split_tree(*metric)))
+            fitted = fit_grammar(split_tree(*metric))
+            how = "\n[grammar]\n" + "".join(f"{k} = {getattr(fitted, k)}\n" for k in FITTED)
         else:
             verdict = judge(habit, settings, siblings) if siblings else None
-            how = _siblings_text(settings, verdict.variety if verdict else 1.0)
+            variety = verdict.variety if verdict else 1.0
+            how = SIBLINGS.format(variety=variety, allometry=settings.allometry)
     except TemplateError as problem:
         raise NotUnderstoodError(problem, timber) from None
     tell(4, 5)  # from here on it is not stopped
@@ -471,30 +481,6 @@ source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}."
 [template]
 wood = "wood.stl"
 leaves = "{"leaves.stl" if leafy else ""}"
-"""
-
-
-def _siblings_text(settings: Siblings, variety: float) -> str:
-    return f"""
-# Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
-[siblings]
-variety = {variety}
-allometry = "{settings.allometry}"
-"""
-
-
-def _grammar_text(grammar: Grammar) -> str:
-    return f"""
-[grammar]
-generations = {grammar.generations}
-copies = {grammar.copies}
-length = {grammar.length}
-side_ratio = {grammar.side_ratio}
-centre_ratio = {grammar.centre_ratio}
-angle_deg = {grammar.angle_deg}
-twist_deg = {grammar.twist_deg}
-radius = {grammar.radius}
-radius_ratio = {grammar.radius_ratio}
 """
 
 

@@ -25,10 +25,10 @@ import numpy as np
 
 from ..base.rng import stream
 from ..spec import Siblings
+from .mesh.leaves import Leaves
 from .own_tree.anatomy import OFF
 from .own_tree.habit import BREAST, Habit
 from .own_tree.relay import (
-    Outline,
     hold_rings,
     lowest_corner,
     outline_of,
@@ -36,7 +36,6 @@ from .own_tree.relay import (
 )
 from .own_tree.sibling import Grown, grow_sibling
 from .skeleton import Skeleton, find_axes, stem_radii
-from .tree import Tree
 
 BINS = 20  # of a vertical profile
 SIDES = 18  # from which the width of the crown is measured
@@ -67,21 +66,19 @@ class Portrait:
     profiles: dict[str, np.ndarray]
 
 
-def portray(tree: Outline | Tree) -> Portrait:
-    """The portrait of a tree of which all wood is in the skeleton."""
-    wood, leaves = tree.skeleton, tree.leaves
+def portray(wood: Skeleton, leaves: Leaves, height: float) -> Portrait:
+    """The portrait of a tree, metres high, of which all wood is in the skeleton."""
     first, axis = axes_of(wood)
     order, length = wood.order[first], np.bincount(axis, wood.length)
     angle = insertion_angles(wood)
     area = np.pi * leaves.radius**2
-    height = tree.height
+    thick = trunk_radius(wood, min(BREAST, height / 2))
     numbers = {
         "height, m": height,
-        "crown width, m": crown_width(tree),
-        "crown base, m": crown_base(tree),
-        "DBH, cm": 200 * trunk_radius(wood, min(BREAST, height / 2)),
-        "taper: diameter at half height / DBH": trunk_radius(wood, height / 2)
-        / max(trunk_radius(wood, min(BREAST, height / 2)), 1e-9),
+        "crown width, m": crown_width(wood, leaves),
+        "crown base, m": crown_base(wood, leaves, height),
+        "DBH, cm": 200 * thick,
+        "taper: diameter at half height / DBH": trunk_radius(wood, height / 2) / max(thick, 1e-9),
     }
     samples = {}
     for level in range(1, int(wood.order.max(initial=0)) + 1):
@@ -123,22 +120,23 @@ def insertion_angles(wood: Skeleton) -> np.ndarray:
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def crown_width(tree: Outline | Tree) -> float:
+def crown_width(wood: Skeleton, leaves: Leaves) -> float:
     """Mean width of the crown's shadow between parallel lines, from all sides; else of the wood."""
-    points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
+    points = leaves.centre if len(leaves) else wood.end
     side = np.pi * np.arange(SIDES) / SIDES
     across = points[:, :2] @ np.stack([np.cos(side), np.sin(side)])
     return float(np.ptp(across, axis=0).mean()) if len(points) else 0.0
 
 
-def crown_base(tree: Outline | Tree) -> float:
-    """Height with a fiftieth of the leaf area below it; without leaves, the lowest branch's foot."""
-    if len(tree.leaves):
-        up = np.argsort(tree.leaves.centre[:, 2])
-        area = np.cumsum(tree.leaves.radius[up] ** 2)
-        return float(tree.leaves.centre[up[np.searchsorted(area, LOWEST * area[-1])], 2])
-    branches = tree.skeleton.order == 1
-    return float(tree.skeleton.start[branches, 2].min()) if branches.any() else tree.height
+def crown_base(wood: Skeleton, leaves: Leaves, height: float) -> float:
+    """Height with a fiftieth of the leaf area below it; without leaves, the lowest branch's foot, else the
+    tree's height."""
+    if len(leaves):
+        up = np.argsort(leaves.centre[:, 2])
+        area = np.cumsum(leaves.radius[up] ** 2)
+        return float(leaves.centre[up[np.searchsorted(area, LOWEST * area[-1])], 2])
+    branches = wood.order == 1
+    return float(wood.start[branches, 2].min()) if branches.any() else height
 
 
 def trunk_radius(wood: Skeleton, height: float) -> float:
@@ -313,7 +311,7 @@ def judge(habit: Habit, settings: Siblings, count: int) -> Verdict:
     """
     count = max(count, FEWEST)
     itself = grow_sibling(habit, Siblings(variety=0.0), 0)
-    one = portray(outline_of(habit.anatomy, itself, 0.0))
+    one = portray(*outline_of(habit.anatomy, itself, 0.0))
     own = *standing_of(itself), lowest_corner(habit.anatomy, itself, 0.0)
     keys = [
         int(stream(0, "template", "sibling", number).integers(2**63)) for number in range(count)
@@ -322,7 +320,7 @@ def judge(habit: Habit, settings: Siblings, count: int) -> Verdict:
     for variety in VARIETIES:
         varied = Siblings(variety=variety, allometry=settings.allometry)
         grown = [grow_sibling(habit, varied, key) for key in keys]
-        portraits = [portray(outline_of(habit.anatomy, tree, variety)) for tree in grown]
+        portraits = [portray(*outline_of(habit.anatomy, tree, variety)) for tree in grown]
         likeness = compare(one, portraits)
         goals = [*_likenesses(likeness), *_soundness(habit, own, grown, variety)]
         missed = sorted((goal for goal in goals if goal.times > 1), key=lambda goal: -goal.times)

@@ -59,14 +59,33 @@ class Skeleton(RowTable):
     @property
     def volume(self) -> np.ndarray:
         """(S,) m³, as frustums of cones."""
-        r1, r2 = self.radius.T
-        return np.asarray(np.pi * self.length * (r1**2 + r1 * r2 + r2**2) / 3)
+        return frustums(self.length, self.radius)
 
-    @property
-    def equal_radius(self) -> np.ndarray:
-        """(S,) radius of the cylinder of the same length and volume."""
-        r1, r2 = self.radius.T
-        return np.asarray(np.sqrt((r1**2 + r1 * r2 + r2**2) / 3))
+    @classmethod
+    def of_chains(
+        cls,
+        node: np.ndarray,
+        radius: np.ndarray,
+        parent: np.ndarray,
+        order: np.ndarray,
+        generation: np.ndarray,
+        first: int,
+    ) -> Skeleton:
+        """Branches of as many segments each, branch by branch, numbered from ``first`` on.
+
+        node, radius : (B, P + 1, 3), (B, P + 1) of each branch from foot to tip. parent : (B,) segments that
+        bear them. order, generation : (B,) of each branch, and of its first segment.
+        """
+        count, pieces = len(node), node.shape[1] - 1
+        number = first + np.arange(count * pieces).reshape(count, pieces)
+        return cls(
+            start=node[:, :-1].reshape(-1, 3),
+            end=node[:, 1:].reshape(-1, 3),
+            radius=np.stack([radius[:, :-1], radius[:, 1:]], axis=2).reshape(-1, 2),
+            parent=np.concatenate([parent[:, None], number[:, :-1]], axis=1).ravel(),
+            order=np.repeat(order, pieces),
+            generation=(generation[:, None] + np.arange(pieces)).ravel(),
+        )
 
     def some(self, keep: np.ndarray) -> Skeleton:
         """The segments where ``keep`` (S,) is true; one whose parent is not kept becomes a root."""
@@ -170,13 +189,30 @@ def find_axes(skeleton: Skeleton) -> Axes:
     return Axes(segment, np.append(starts, len(segment)).astype(np.int64))
 
 
+def branch_feet(skeleton: Skeleton) -> np.ndarray:
+    """(B,) first segment of each first-level branch."""
+    order, parent = skeleton.order, skeleton.parent
+    return np.flatnonzero((order == 1) & ((parent < 0) | (order[np.maximum(parent, 0)] == 0)))
+
+
 def first_level(skeleton: Skeleton) -> np.ndarray:
     """(S,) int64: the first-level branch of each segment, counted from 0; -1 on the trunk."""
-    order, parent = skeleton.order, skeleton.parent
-    starts = (order == 1) & ((parent < 0) | (order[np.maximum(parent, 0)] == 0))
-    number = np.where(starts, np.cumsum(starts) - 1, -1)
-    up = np.where(starts | (order == 0), -1, parent)
-    return np.asarray(np.where(order == 0, -1, number[root_of(up)]))
+    feet, number = branch_feet(skeleton), np.full(len(skeleton), -1)
+    number[feet] = np.arange(len(feet))
+    up = np.where((number >= 0) | (skeleton.order == 0), -1, skeleton.parent)
+    return np.asarray(np.where(skeleton.order == 0, -1, number[root_of(up)]))
+
+
+def frustums(length: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """(S,) m³ of frustums of cones of these lengths (S,) and radii (S, 2) at both ends, metres."""
+    r1, r2 = radius.T
+    return np.asarray(np.pi * length * (r1**2 + r1 * r2 + r2**2) / 3)
+
+
+def equal_radius(radius: np.ndarray) -> np.ndarray:
+    """(S,) radii of cylinders of the length and volume of frustums of these radii (S, 2) at both ends."""
+    r1, r2 = radius.T
+    return np.asarray(np.sqrt((r1**2 + r1 * r2 + r2**2) / 3))
 
 
 def root_of(up: np.ndarray) -> np.ndarray:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -28,7 +27,7 @@ from ..base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from ..spec import Discrete, Normal, Siblings, Species
 from .draw import draw_inclination
 from .lsystem.branching import interpret, skeleton_of, string_of
-from .measured.allometry import Kind, Wanted, fitted_template, one_tree
+from .measured.allometry import Kind, Wanted, one_tree
 from .measured.crown import scaled_to, with_dead
 from .measured.curves import curved
 from .measured.meet import Parts, grow_measured, lowest_kept, reshaped
@@ -48,8 +47,8 @@ from .mesh.meshing import SMALLEST, Relief, mesh_wood, repeated_edges, sides_for
 from .own_tree.habit import Habit
 from .own_tree.relay import mesh_of, skeleton_of_grown
 from .own_tree.sibling import grow_sibling
-from .own_tree.template import GraftSite, Scion, TreeTemplate, graft, prepare
-from .skeleton import Skeleton, first_level
+from .own_tree.template import GraftSite, TreeTemplate, graft
+from .skeleton import Skeleton, branch_feet, first_level
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
 FEWEST = 7  # blades of a shoot
@@ -107,9 +106,11 @@ def grow(
     SpecError : what it is to measure cannot be.
     """
     if isinstance(template, Habit | TreeTemplate):
-        asked = fitted_template(species, wanted) if wanted else species
+        asked, siblings = species, species.siblings or Siblings()
+        if wanted and species.siblings is not None:
+            siblings = siblings.changed(age=1.0, height=wanted.height, dbh=wanted.dbh)
+            asked = species.changed(siblings=siblings)
         if isinstance(template, Habit):
-            siblings = asked.siblings or Siblings()
             grown = grow_sibling(template, siblings, int(rng.integers(2**63)))
             mesh, leaves, foot = mesh_of(template.anatomy, grown, siblings.variety)
             parts = Parts(mesh, leaves, foot, skeleton_of_grown(grown))
@@ -235,7 +236,7 @@ def _grafted(
     skeleton = interpret(symbols, species.grammar, species.jitter, rng)
     trunk = skeleton.axis(0)
     sites = _sites(skeleton, trunk, species, rng)
-    scions = _scions(template)
+    scions = template.branches
     one_each = len(sites) == len(scions)
     chosen = np.arange(len(sites)) if one_each else rng.integers(len(scions), size=len(sites))
     roll = np.deg2rad(15.0) * truncated_normal(rng, len(sites))
@@ -252,8 +253,7 @@ def _grafted(
         top = max(float(branch.vertices[:, 2].max()) for branch in branches)
         lowest = lowest_kept(start, leaf, top, wanted)
         kept, level = np.flatnonzero(start >= lowest).tolist(), first_level(wood)
-        foot = wood.start[(wood.order == 1) & (wood.order[np.maximum(wood.parent, 0)] == 0), 2]
-        wood = wood.some((level < 0) | (foot[level] >= lowest))
+        wood = wood.some((level < 0) | (wood.start[branch_feet(wood), 2][level] >= lowest))
     mesh = join([_trunk_mesh(skeleton, trunk), *(branches[k] for k in kept)])
     leaves, foot = Leaves.joined([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
     parts = Parts(mesh, leaves, foot, wood)
@@ -266,23 +266,14 @@ def _leaf_keys(count: int, rng: np.random.Generator) -> np.ndarray:
     return child_keys(own, np.arange(count))
 
 
-@lru_cache(maxsize=16)
-def _scions(template: TreeTemplate) -> tuple[Scion, ...]:
-    """The branches of a template made ready to graft, once for all trees that use it."""
-    return tuple(prepare(branch) for branch in template.branches)
-
-
 def _sites(
     skeleton: Skeleton, trunk: list[int], species: Species, rng: np.random.Generator
 ) -> list[GraftSite]:
     """Foot, direction and length of every first-level branch, from the lowest up, then the tip."""
     length = skeleton.length
-    firsts = np.flatnonzero(
-        (skeleton.order == 1) & (skeleton.order[np.maximum(skeleton.parent, 0)] == 0)
-    )
     onward = dict(pairwise(trunk))
     sites: list[GraftSite] = []
-    for first in firsts:
+    for first in branch_feet(skeleton):
         reach = float(length[skeleton.axis(int(first))].sum())
         direction = skeleton.end[first] - skeleton.start[first]
         direction /= np.linalg.norm(direction)

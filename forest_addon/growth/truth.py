@@ -227,12 +227,6 @@ def _near(skeleton: Skeleton, heads: np.ndarray, others: np.ndarray) -> np.ndarr
     return near
 
 
-def _fraction(value: np.ndarray) -> np.ndarray:
-    """The part of numbers above 0 beyond a whole one: exact, in a third of the time of a remainder."""
-    value -= np.floor(value)
-    return value
-
-
 def _dot(one: np.ndarray, two: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("ni,ni->n", one, two))
 
@@ -242,7 +236,7 @@ def _shared(
 ) -> np.ndarray:
     """(H,) share of each segment's volume that lies in any of some others (H, C)."""
     place = np.arange(count)[:, None] + np.sqrt(2) * heads[:, None, None]  # each segment its own
-    along, turn, out = (_fraction(place[:, :, 0] * step) for step in EVEN)  # (H, P) each
+    along, turn, out = (np.modf(place[:, :, 0] * step)[0] for step in EVEN)  # (H, P) each
     r1, r2 = skeleton.radius[heads].T[:, :, None]
     slope = r2 - r1
     weight = (r1 + slope * along) ** 2  # (H, P): a thick end has more

@@ -15,7 +15,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ..base.rows import distinct, lengths, repeated
+from ..base.rows import distinct, lengths
+from ..base.runs import numbered
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
 from .rays.caster import Hits, hit_normals
@@ -484,7 +485,7 @@ class CutTrees:
         among them, and these: pieces (M,), ascending of each row, and triangles (M,)."""
         number = self._first[self.mesh[piece]] + triangle
         many = self._many[number]
-        row, which = repeated(np.where(many > 1, many, 0))
+        row, which = numbered(np.where(many > 1, many, 0))
         rank, own = self._copies[:, self._begin[number][row] + which]
         return row, piece[row] + rank - self._rank[number][row], own
 
@@ -524,7 +525,7 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
     rows, where = [np.arange(len(piece))], [piece]
     for side in range(3):
         at = corner[seam, side]
-        held, which = repeated(first[at + 1] - first[at])
+        held, which = numbered(first[at + 1] - first[at])
         rows.append(seam[held])
         where.append(of[first[at][held] + which])
     both = distinct(np.concatenate(where) * len(piece) + np.concatenate(rows))

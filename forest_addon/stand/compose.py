@@ -118,12 +118,12 @@ def process_of(
     process = Process(_product(parts), low, high)
     wanted, asked = planting.expected, f"{planting.expected:g} trees" if planting.expected else ""
     if planting.density is not None:
-        permitted = Process(_product(masks), low, high).expected() if masks else area_of(forest)
+        permitted = Process(_product(masks), low, high).expected if masks else area_of(forest)
         wanted = planting.density * permitted
         asked = f"{planting.density:g} trees/m²" if planting.density else ""
     if wanted is None:
         return process
-    total = process.expected()
+    total = process.expected
     if total <= 0 and asked:
         what = "gaussians" if planting.gaussians and not planting.rasters else "intensity"
         raise IntensityError(

@@ -30,17 +30,17 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..base.rows import blocks
+from ..base.rows import blocks, lengths
 from ..base.trimesh import LEAF, is_wood
 from ..base.vectors import azimuth_of
 from ..growth.likeness import crown_base, crown_width
 from ..growth.measured.allometry import BREAST, TARGETS, Kind, Wanted
 from ..growth.mesh.blades import Blade
-from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
+from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas
 from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit
 from ..growth.own_tree.template import TreeTemplate
-from ..growth.skeleton import Skeleton, diameter_at, find_axes
+from ..growth.skeleton import Skeleton, diameter_at, equal_radius, find_axes
 from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, tree_truth
 from ..spec import Allometry, Choice, Look, Scene, Species
@@ -440,10 +440,6 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
         dbh[same] = dbh_at(grown.skeleton, stand.scale[same])
         foot[same] = float(grown.skeleton.radius[:1, 0].sum()) * stand.scale[same]
 
-    def scaled(name: str, power: int) -> dict[str, list[object]]:
-        values = np.array([truth[key][name] for key in keys], dtype=float)
-        return {name: list((values * stand.scale**power).tolist())}
-
     table: dict[str, list[object]] = {
         "tree": stand.id.tolist(),
         "species": [forest.species[planting].name for planting, _ in keys],
@@ -452,17 +448,11 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
         **{f"{axis}_m": stand.position[:, k].tolist() for k, axis in enumerate("xyz")},
         "rotation_rad": stand.rotation.tolist(),
         "scale": list(stand.scale.tolist()),
-        **scaled("height_m", 1),
-        "dbh_m": list(dbh.tolist()),
-        **scaled("crown_width_m", 1),
-        **scaled("crown_base_m", 1),
-        "foot_radius_m": list(foot.tolist()),
-        "leaves": [int(truth[key]["leaves"]) for key in keys],
-        **scaled("leaf_area_m2", 2),
-        **scaled("wood_volume_m3", 3),
-        **scaled("wood_area_m2", 2),
-        **scaled("projected_wood_m2", 2),
     }
+    factor = {name: stand.scale**power for name, power in POWERS.items()}
+    told = [truth[key] for key in keys]
+    own = {"dbh_m": dbh.tolist(), "foot_radius_m": foot.tolist()}
+    table |= _measures(told, factor, own | {"leaves": [int(row["leaves"]) for row in told]})
     if forest.wanted is not None:
         for column, name in enumerate(TARGETS):
             unit = "m2" if name == "leaf_area" else "m"
@@ -479,6 +469,27 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
         table["in_band"] = band
         table["not_met"] = list(not_met(forest.wanted, measured))
     return table
+
+
+POWERS = {  # of a tree's scale, with which measures go
+    **dict.fromkeys(("height_m", "crown_width_m", "crown_base_m"), 1),
+    **dict.fromkeys(("leaf_area_m2", "wood_area_m2", "projected_wood_m2"), 2),
+    "wood_volume_m3": 3,
+}
+MEASURED = (  # columns, in this order
+    *("height_m", "dbh_m", "crown_width_m", "crown_base_m", "foot_radius_m"),
+    *("leaves", "leaf_area_m2", "wood_volume_m3", "wood_area_m2", "projected_wood_m2"),
+)
+
+
+def _measures(
+    truth: Sequence[Mapping[str, float]], factor: Mapping[str, np.ndarray], own: dict[str, list]
+) -> dict[str, list[object]]:
+    """Columns of what N trees measure: their own, and those of ``tree_truth`` by factors (N,)."""
+    for name, by in factor.items():
+        values = np.array([row.get(name, np.nan) for row in truth], dtype=float)
+        own = {name: (values * by).tolist(), **own}
+    return {name: own[name] for name in MEASURED}
 
 
 def met_targets(forest: GrownForest) -> list[TargetsMet]:
@@ -504,8 +515,9 @@ PARTS = ("leaf", "wood")  # columns of the areas by cell
 def inventory(forest: GrownForest) -> dict[str, list[object]]:
     """One row a tree: what ``tree_table`` says, and what a forester measures on it, metres."""
     table = tree_table(forest)
-    base = {key: crown_base(tree) for key, tree in forest.variants.items()}
-    width = {key: crown_width(tree) for key, tree in forest.variants.items()}
+    grown = forest.variants.items()
+    base = {key: crown_base(tree.skeleton, tree.leaves, tree.height) for key, tree in grown}
+    width = {key: crown_width(tree.skeleton, tree.leaves) for key, tree in grown}
     stand, keys = forest.stand, forest.keys
     rows = list(zip(keys, stand.sink.tolist(), stand.scale.tolist(), strict=True))
     more: dict[str, list[object]] = {
@@ -535,7 +547,7 @@ def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
     for number, (key, matrix) in enumerate(zip(forest.keys, forest.transforms(), strict=True)):
         wood, size = forest.variants[key].skeleton, float(stand.scale[number])
         start, end = (ends @ matrix[:, :3].T + matrix[:, 3] for ends in (wood.start, wood.end))
-        length, radius = wood.length * size, wood.equal_radius * size
+        length, radius = wood.length * size, equal_radius(wood.radius) * size
         tables.append(
             cylinder_columns(
                 *(int(stand.id[number]), tied[key], (start, end)),
@@ -560,13 +572,12 @@ def _faces(tree: Tree) -> tuple[np.ndarray, ...]:
     """Vertices (3, V), and of triangles of leaves and wood: corners, which of ``PARTS``, m² in the tree's own
     size.
     """
-    triangles, part = tree.mesh.triangles, tree.mesh.part
+    mesh, part = tree.mesh, tree.mesh.part
     ours = (part == LEAF) | is_wood(part)
-    if not ours.all():
-        triangles, part = triangles[ours], part[ours]
-    area = triangle_areas(tree.mesh.vertices, triangles)
-    columns = np.ascontiguousarray(tree.mesh.vertices.T)
-    return columns, np.asfortranarray(triangles), is_wood(part).astype(np.int64), area
+    mesh = mesh if ours.all() else mesh.select(ours)
+    columns, triangles = np.ascontiguousarray(mesh.vertices.T), np.asfortranarray(mesh.triangles)
+    wood, area = is_wood(mesh.part).astype(np.int64), lengths(mesh.area_vectors())
+    return columns, triangles, wood, area
 
 
 def voxel_arrays(forest: GrownForest, edge: float) -> dict[str, np.ndarray]:
@@ -636,16 +647,8 @@ class PlacedTrees:
         return int(rows[0]) if len(rows) else None
 
 
-NONE = PlacedTrees(
-    *(
-        (),
-        np.empty(0, np.int64),
-        np.empty((0, 3, 4)),
-        np.empty(0, np.int64),
-        np.empty(0, np.int64),
-        (),
-    )
-)
+NOBODY = np.empty(0, np.int64)
+NONE = PlacedTrees((), NOBODY, np.empty((0, 3, 4)), NOBODY, NOBODY, ())
 
 
 def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
@@ -656,18 +659,20 @@ def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
     across = np.sqrt(volume / np.maximum(along, 1e-300))
     rows = [trees.grown[k] for k in trees.index.tolist()]
 
-    def told(name: str, factor: np.ndarray) -> list[object]:
-        values = np.array([row.truth.get(name, np.nan) for row in rows], dtype=float)
-        return list((values * factor).tolist())
-
     sizes = zip(rows, along[:, None], across[:, None], strict=True)
-    dbh = [float(dbh_at(row.skeleton, *size)[0]) for row, *size in sizes]
+    dbh = np.array([float(dbh_at(row.skeleton, *size)[0]) for row, *size in sizes])
     foot = np.array([float(row.skeleton.radius[:1, 0].sum()) for row in rows])
     area = [
         float(np.pi * (_leaves_in(row.leaves, m)["radius"] ** 2).sum())
         for row, m in zip(rows, trees.transform, strict=True)
     ]
-    return {
+    factor = {
+        **dict.fromkeys(("height_m", "crown_base_m"), along),
+        **dict.fromkeys(("wood_area_m2", "projected_wood_m2"), np.cbrt(volume) ** 2),
+        "wood_volume_m3": volume,
+        "crown_width_m": across,
+    }
+    table: dict[str, list[object]] = {
         "tree": trees.tree.tolist(),
         "species": [row.species for row in rows],
         "planting": list(trees.object_name),
@@ -675,17 +680,10 @@ def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
         **{f"{axis}_m": trees.transform[:, k, 3].tolist() for k, axis in enumerate("xyz")},
         "rotation_rad": azimuth_of(linear[:, :, 0]).tolist(),
         "scale": np.cbrt(volume).tolist(),
-        "height_m": told("height_m", along),
-        "dbh_m": dbh,
-        "crown_width_m": told("crown_width_m", across),
-        "crown_base_m": told("crown_base_m", along),
-        "foot_radius_m": (foot * across).tolist(),
-        "leaves": [len(row.leaves) for row in rows],
-        "leaf_area_m2": area,
-        "wood_volume_m3": told("wood_volume_m3", volume),
-        "wood_area_m2": told("wood_area_m2", np.cbrt(volume) ** 2),
-        "projected_wood_m2": told("projected_wood_m2", np.cbrt(volume) ** 2),
     }
+    own = {"dbh_m": dbh.tolist(), "foot_radius_m": (foot * across).tolist(), "leaf_area_m2": area}
+    own |= {"leaves": [len(row.leaves) for row in rows]}
+    return table | _measures([row.truth for row in rows], factor, own)
 
 
 def placed_leaves(trees: PlacedTrees) -> dict[str, np.ndarray]:
@@ -750,12 +748,10 @@ def placed_cylinders(trees: PlacedTrees) -> dict[str, np.ndarray]:
     for row, (index, matrix) in enumerate(zip(trees.index.tolist(), trees.transform, strict=True)):
         grown = trees.grown[index]
         own, world = _tied(grown.skeleton), placed_skeleton(grown, matrix)
-        r1, r2 = world["radius"].T
-        radius = np.sqrt((r1**2 + r1 * r2 + r2**2) / 3)
-        length = np.linalg.norm(world["end"] - world["start"], axis=1)
-        ends = world["start"], world["end"]
+        ends, radii = (world["start"], world["end"]), world["radius"]
+        length = np.linalg.norm(ends[1] - ends[0], axis=1)
         tables.append(
-            cylinder_columns(int(trees.tree[row]), own, ends, world["radius"], radius, length)
+            cylinder_columns(int(trees.tree[row]), own, ends, radii, equal_radius(radii), length)
         )
     return stacked(tables)
 

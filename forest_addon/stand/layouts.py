@@ -97,24 +97,16 @@ class Process:
     @cached_property
     def total(self) -> Integral:
         """∫λ over the field."""
-        return self.integral(self.low, self.high)
+        closed = self.intensity.closed_integral(self.low, self.high)
+        whole = (
+            quadrature(self.intensity, self.low, self.high) if closed is None else Integral(closed)
+        )
+        return Integral(self.factor * whole.value, self.factor * whole.error)
 
-    def integral(self, low: np.ndarray, high: np.ndarray) -> Integral:
-        """∫λ over a rectangle; what lies outside the field counts nothing."""
-        low, high = np.maximum(low, self.low), np.minimum(high, self.high)
-        if (high <= low).any():
-            return Integral(0.0)
-        closed = self.intensity.closed_integral(low, high)
-        integral = Integral(closed) if closed is not None else quadrature(self.intensity, low, high)
-        return Integral(self.factor * integral.value, self.factor * integral.error)
-
-    def expected(self, low: np.ndarray | None = None, high: np.ndarray | None = None) -> float:
-        """∫λ over a rectangle within the field, by default the whole of it."""
-        if low is None and high is None:
-            return self.total.value
-        return self.integral(
-            self.low if low is None else low, self.high if high is None else high
-        ).value
+    @property
+    def expected(self) -> float:
+        """∫λ over the whole field."""
+        return self.total.value
 
     def scaled(self, factor: float) -> Process:
         """λ times a factor."""
@@ -157,10 +149,6 @@ MAX_ROUND = 4_000_000  # candidates drawn at once where a number of points is wa
 WASTE = 10.0  # points drawn by component over points kept, above which cells are the better way
 
 
-class BoundViolation(IntensityError):
-    """λ was larger than its bound: the sample would not be exact."""
-
-
 @dataclass(frozen=True)
 class _Components:
     """λ = (constant + hills) within masks."""
@@ -182,22 +170,21 @@ def sample(
     Raises
     ------
     IntensityError : more than ``most`` points would be drawn; says how many. λ is zero everywhere,
-    and some are wanted. λ is negative or not a number somewhere; says where.
-    BoundViolation : λ exceeds its own bound; says where and by how much.
+    and some are wanted. λ is negative or not a number somewhere, or exceeds its own bound; says where.
     """
-    wanted = process.expected() if exactly is None else float(exactly)
+    wanted = process.expected if exactly is None else float(exactly)
     if not wanted <= most:
         raise IntensityError(
             f"the intensity asks for {wanted:,.0f} trees, more than {most:,}; "
             "lower the peaks or the expected number"
         )
-    if exactly and process.expected() <= 0:
+    if exactly and process.expected <= 0:
         raise IntensityError(f"{exactly} trees cannot stand where the intensity is zero; raise it")
     components = _components(process.intensity, process.factor)
     if components is not None:
         area = float(np.prod(process.high - process.low))
         drawn = components.constant * area + components.hills.whole().sum()
-        if drawn <= max(WASTE * process.expected(), 1e5):
+        if drawn <= max(WASTE * process.expected, 1e5):
             if exactly is None:
                 return _by_component(components, process, rng)
             return _repeat(lambda n: _components_of(components, process, n, rng), exactly)
@@ -277,7 +264,7 @@ def _thin(
         k = int(np.argmax(bad))
         x, y = points[k].tolist()
         if value[k] > bound[k]:
-            raise BoundViolation(
+            raise IntensityError(
                 f"the intensity at ({x:.6g}, {y:.6g}) is {value[k]:.6g} trees/m², above its bound of "
                 f"{bound[k]:.6g}; its bounds() is wrong, so no sample would be exact"
             )
@@ -493,7 +480,7 @@ def sample_strauss(process: Process, strauss: Strauss, rng: np.random.Generator)
         inside = np.clip(points, process.low, process.high)
         return activity_of(process.at(inside), strauss)
 
-    mean = process.expected() / float(np.prod(process.high - process.low))
+    mean = process.expected / float(np.prod(process.high - process.low))
     edge = EDGE * strauss.radius
     trees = run_births_and_deaths(
         activity, mean, process.low - edge, process.high + edge, strauss, rng

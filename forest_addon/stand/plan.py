@@ -379,7 +379,7 @@ def draw_places(
         return sample_clusters(process, planting.clusters, rng)
     if planting.layout == "strauss":
         return sample_strauss(process, planting.strauss, rng)
-    return sample(process, rng, round(process.expected()) if planting.exact else None, most)
+    return sample(process, rng, round(process.expected) if planting.exact else None, most)
 
 
 def _listed(
@@ -479,65 +479,56 @@ def space(
 
 def apart_from(points: np.ndarray, fixed: np.ndarray, spacing: Spacing) -> np.ndarray:
     """(N,) bool, which trees are fixed (N,), or have no fixed one too near."""
-    apart, number = np.ones(len(points), dtype=bool), np.flatnonzero(fixed)
-    if spacing.reach() > 0 and len(number):
-        for query, other in _pairs(points, points[fixed], spacing.reach()):
-            near = _too_near(points, points, query, number[other], spacing)
-            apart[query[near]] = False
-    return apart | fixed
+    apart, every = np.ones(len(points), dtype=bool), np.arange(len(points))
+    if spacing.reach() > 0 and fixed.any():
+        for tree, _ in _rivals(points, every, np.flatnonzero(fixed), ~fixed, spacing):
+            apart[tree] = False
+    return apart
 
 
 def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray:
     """(N,) bool, which trees stay: those with no older tree too near."""
-    age, reach = _ages(mark), spacing.reach()
-    if reach <= 0 or len(points) < 2:
+    age = _ages(mark)
+    if spacing.reach() <= 0 or len(points) < 2:
         return np.ones(len(points), dtype=bool)
     keep = _oldest_of_bins(points, age, spacing)
     judged = np.flatnonzero(keep)
-    for query, other in _pairs(points[judged], points, reach):
-        tree = judged[query]
-        older = age[other] < age[tree]
-        tree, other = tree[older], other[older]
-        keep[tree[_too_near(points, points, tree, other, spacing)]] = False
+    for tree, _ in _rivals(points, judged, np.arange(len(points)), age, spacing):
+        keep[tree] = False
     return keep
 
 
 def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray:
     """(N,) bool, which trees stay: from the oldest on, those with no tree too near that stays."""
-    age, reach = _ages(mark), spacing.reach()
-    if reach <= 0 or len(points) < 2:
+    age = _ages(mark)
+    if spacing.reach() <= 0 or len(points) < 2:
         return np.ones(len(points), dtype=bool)
     by_age, keep = np.argsort(age), np.zeros(len(points), dtype=bool)
     kept, start = np.empty(0, dtype=np.int64), 0
     while start < len(points):
         batch = by_age[start : start + max(FIRST_BATCH, start)]
         start += len(batch)
-        free = np.ones(len(batch), dtype=bool)
+        free = np.ones(len(points), dtype=bool)
         if len(kept):
-            for query, other in _pairs(points[batch], points[kept], reach):
-                near = _too_near(points, points, batch[query], kept[other], spacing)
-                free[query[near]] = False
-        stay = _settle(points, batch[free], spacing, reach)
+            for tree, _ in _rivals(points, batch, kept, age, spacing):
+                free[tree] = False
+        stay = _settle(points, batch[free[batch]], age, spacing)
         keep[stay] = True
         kept = np.concatenate([kept, stay])
     return keep
 
 
-def _settle(points: np.ndarray, trees: np.ndarray, spacing: Spacing, reach: float) -> np.ndarray:
+def _settle(points: np.ndarray, trees: np.ndarray, age: np.ndarray, spacing: Spacing) -> np.ndarray:
     """The ``trees`` that stay by greedy removal among themselves, from old to young.
 
     In rounds: who has no older rival left stays, and the rivals of those that stay go.
     """
     if len(trees) < 2:
         return trees
-    older, younger = [], []
-    for query, other in _pairs(points[trees], points[trees], reach):
-        once = other < query  # numbers within ``trees`` are ranks of age
-        query, other = query[once], other[once]
-        near = _too_near(points, points, trees[query], trees[other], spacing)
-        younger.append(query[near])
-        older.append(other[near])
-    old, young = np.concatenate(older), np.concatenate(younger)
+    rank = np.empty(len(points), dtype=np.int64)
+    rank[trees] = np.arange(len(trees))
+    pairs = zip(*_rivals(points, trees, trees, age, spacing), strict=True)
+    young, old = (rank[np.concatenate(side)] for side in pairs)
     undecided, stays = np.ones(len(trees), dtype=bool), np.zeros(len(trees), dtype=bool)
     while undecided.any():
         oldest = undecided.copy()
@@ -550,18 +541,23 @@ def _settle(points: np.ndarray, trees: np.ndarray, spacing: Spacing, reach: floa
     return trees[stays]
 
 
-def _pairs(
-    queries: np.ndarray, points: np.ndarray, reach: float
+def _rivals(
+    points: np.ndarray, of: np.ndarray, among: np.ndarray, age: np.ndarray, spacing: Spacing
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Numbers of queries (Q, 2) and of points (N, 2): every pair within reach, in portions."""
-    tree, reach = cKDTree(points), reach * (1 + 1e-9)
+    """Trees ``of`` (Q,), each with an older one ``among`` (M,) that is too near, in portions. age : (N,)."""
+    tree, reach = cKDTree(points[among]), spacing.reach() * (1 + 1e-9)
+    queries = points[of]
     some = queries[:: max(1, len(queries) // 1000)]
     most = tree.query_ball_point(some, reach, return_length=True).max(initial=0)
     portion = max(PORTION // int(most + 1), 1)
     for first in range(0, len(queries), portion):
         part = cKDTree(queries[first : first + portion])
         pairs = part.sparse_distance_matrix(tree, reach, output_type="ndarray")
-        yield first + pairs["i"], pairs["j"]
+        one, other = of[first + pairs["i"]], among[pairs["j"]]
+        older = age[other] < age[one]
+        one, other = one[older], other[older]
+        near = np.hypot(*(points[one] - points[other]).T) < spacing.between(one, other)
+        yield one[near], other[near]
 
 
 def _ages(mark: np.ndarray) -> np.ndarray:
@@ -587,13 +583,6 @@ def _oldest_of_bins(points: np.ndarray, age: np.ndarray, spacing: Spacing) -> np
         first = np.append(True, np.diff(home[order]) != 0)
         oldest[of_kind[order[~first]]] = False
     return oldest
-
-
-def _too_near(
-    points: np.ndarray, others: np.ndarray, a: np.ndarray, b: np.ndarray, spacing: Spacing
-) -> np.ndarray:
-    apart = points[a] - others[b]
-    return np.asarray(np.hypot(apart[:, 0], apart[:, 1]) < spacing.between(a, b))
 
 
 HECTARE = 1e4  # m²

@@ -43,11 +43,8 @@ from ..base.rng import child_keys, first_key, keyed_normal, keyed_uniform, strea
 from ..base.trimesh import TriMesh
 from ..growth.sway.beams import GreenWood, wood_of_species
 from ..growth.sway.shape import (
-    Anchors,
     SwayRig,
     SwayShape,
-    corner_leaves,
-    piece_of_triangles,
     rig_of,
     shape_of,
 )
@@ -244,30 +241,12 @@ class SwayResponse:
     damping: np.ndarray
     held: bool = False
 
-    def spread(self) -> np.ndarray:
-        """(M,) standard deviation of the amplitudes."""
-        return np.sqrt(0.5 * (np.abs(self.waves) ** 2).sum(axis=1))
-
-    def exact(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes (N, M) at times (N,), and their rates, by the whole sum."""
-        turn = np.exp(1j * time[:, None] * self.rate)
+    def exact(
+        self, time: np.ndarray, turn: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes (N, M) at times (N,), and their rates, by the whole sum. turn : (N, K) of the waves."""
+        turn = np.exp(1j * time[:, None] * self.rate) if turn is None else turn
         return self.mean + (turn @ self.waves.T).real, (turn @ (1j * self.rate * self.waves).T).real
-
-    def amplitudes(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes (N, M) at times (N,), and their rates, cubic between knots 1/32 s apart.
-
-        Knots lie at whole multiples, so that a moment is the same in whatever company it is asked for.
-        """
-        knot = np.floor(time * KNOTS)
-        share = (time * KNOTS - knot)[:, None]
-        used, row = np.unique(np.concatenate([knot, knot + 1]), return_inverse=True)
-        value, slope = (x / KNOTS**k for k, x in enumerate(self.exact(used / KNOTS)))
-        low, high = row[: len(time)], row[len(time) :]
-        a, b, da, db = value[low], value[high], slope[low], slope[high]
-        rise = b - a
-        second, third = 3 * rise - 2 * da - db, da + db - 2 * rise
-        amplitude = a + share * (da + share * (second + share * third))
-        return amplitude, KNOTS * (da + share * (2 * second + 3 * share * third))
 
 
 def response_of(
@@ -422,10 +401,6 @@ def drag_slices(tree: Tree, one_sided: float) -> tuple[np.ndarray, np.ndarray]:
     return (np.arange(SLICES) + 0.5) / SLICES * top, area
 
 
-FEW = 65_536  # points at a time
-SIGMAS = (
-    6.0  # of a mode beyond its mean, that it exceeds less than once in a hundred million moments
-)
 LOWEST_TOP = 1.0  # metres of height for which wind is told
 LEAN = 0.2  # of a tree's height: a top that is farther off no longer moves by small motions
 
@@ -457,13 +432,11 @@ class ForestSway:
         shelter = drag_area_of(forest, top, lambda key: wood_of_species(forest.species[key[0]]))
         self.field = WindField.drawn(wind, top, shelter, seed)
         self._shapes: dict[tuple[int, int], SwayShape | None] = {}
-        self._anchors: dict[tuple[int, int], Anchors] = {}
         self._responses: dict[int, SwayResponse | None] = {}
         self._rigs: dict[tuple[int, int], SwayRig | None] = {}
         if like is not None and like._forest.variants is forest.variants:
-            self._shapes, self._anchors, self._rigs = like._shapes, like._anchors, like._rigs
-        self._knots, self._turned = np.empty(0), np.empty((0, 0))
-        self._moment: tuple[float, np.ndarray] = np.nan, np.empty(0)
+            self._shapes, self._rigs = like._shapes, like._rigs
+        self._moments, self._turned = np.empty(0), np.empty((0, 0))
 
     @property
     def number(self) -> dict[int, int]:
@@ -509,7 +482,7 @@ class ForestSway:
 
     def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray:
         """(T,) the piece that each triangle of the mesh of a tree's variant is of; the tree must move."""
-        return piece_of_triangles(_sure(self.shape(tree)), _sure(self.rig(tree)), mesh)
+        return self.pieces_at(tree, mesh.vertices[mesh.triangles].mean(axis=1), mesh.leaf)
 
     def places(self, tree: int, knot: np.ndarray) -> np.ndarray:
         """(K, G, 3, 4) where the pieces of a tree are at knots (K,), whole numbers of 1/32 s.
@@ -520,12 +493,16 @@ class ForestSway:
 
     def amplitudes(self, tree: int, knot: np.ndarray) -> np.ndarray:
         """(K, M) amplitudes of a tree's modes at knots (K,), over the tree's size."""
-        response, knot = _sure(self.response(tree)), np.asarray(knot)
-        if not np.array_equal(knot, self._knots):  # the same for all trees of a moment
-            self._knots = knot.copy()
-            self._turned = np.exp(1j * (knot / KNOTS)[:, None] * response.rate)
-        amplitude = response.mean + (self._turned @ response.waves.T).real
-        return np.asarray(amplitude / float(self._forest.stand.scale[tree]))
+        return self._swayed(tree, np.asarray(knot) / KNOTS)[0]
+
+    def _swayed(self, tree: int, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, M) amplitudes of a tree's modes at times (N,), over the tree's size, and their rates."""
+        response, scale = _sure(self.response(tree)), float(self._forest.stand.scale[tree])
+        if not np.array_equal(time, self._moments):  # the same for all trees of a moment
+            self._moments = time.copy()
+            self._turned = np.exp(1j * time[:, None] * response.rate)
+        amplitude, rate = response.exact(time, self._turned)
+        return amplitude / scale, rate / scale
 
     def rest(self, tree: int) -> TriMesh:
         """The mesh of a tree's variant at rest, in its own frame."""
@@ -539,19 +516,13 @@ class ForestSway:
     def moment(self, tree: int, time: float) -> tuple[np.ndarray, np.ndarray]:
         """(G, 3, 4) where the pieces of a tree are at a time, s, and (G, 3, 4) how fast that changes, 1/s;
         as ``places``, without knots."""
-        rig, response = _sure(self.rig(tree)), _sure(self.response(tree))
-        scale = float(self._forest.stand.scale[tree])
-        if time != self._moment[0]:  # the same for all trees of a moment
-            self._moment = time, np.exp(1j * time * response.rate)
-        turned = self._moment[1] * response.waves
-        amplitude = (response.mean + turned.sum(axis=1).real)[None]
-        rate = -(turned * response.rate).sum(axis=1).imag[None]
-        return rig.places(amplitude / scale)[0], rig.shifts(rate / scale)[0]
+        rig, (amplitude, rate) = _sure(self.rig(tree)), self._swayed(tree, np.array([time]))
+        return rig.places(amplitude)[0], rig.shifts(rate)[0]
 
     def pieces_at(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> np.ndarray:
         """(N,) the piece that points (N, 3) of a tree's variant are on; leaf : (N,) its leaf, -1 wood."""
-        rig = _sure(self.rig(tree))
-        return np.asarray(rig.of_member[self.anchors_of(tree, points, leaf).bone])
+        shape, rig = _sure(self.shape(tree)), _sure(self.rig(tree))
+        return np.asarray(rig.of_member[shape.members_at(points, leaf)])
 
     def flutter(
         self, tree: int, leaf: np.ndarray, time: float
@@ -565,8 +536,16 @@ class ForestSway:
             none = np.zeros((len(leaf), 3))
             return none, none, none
         seats = np.minimum(leaf, len(shape.seats.segment) - 1)
-        value, rate = self._turns(tree, seats, np.full(len(leaf), time))
-        return shape.seats.foot[seats], value, rate
+        foot, along = shape.seats.foot[seats], shape.seats.direction[seats]
+        across = np.cross(along, shape.seats.up[seats])
+        tree_key = child_keys(self._first, np.array([tree]))
+        key = child_keys(np.broadcast_to(tree_key, seats.shape), seats)
+        wind = self.field.mean(float(self._forest.stand.scale[tree]) * foot[:, 2])
+        value, rate = (
+            angle[:, :1] * along + angle[:, 1:] * across
+            for angle in flutter(key, wind, np.full(len(leaf), time))
+        )
+        return foot, value, rate
 
     def most(
         self, tree: int, low: np.ndarray, high: np.ndarray, knot: np.ndarray | None = None
@@ -584,32 +563,6 @@ class ForestSway:
             amplitude = np.abs(self.amplitudes(tree, knot)).max(axis=0)
         return float(np.linalg.norm(np.einsum("m,gmi->gi", amplitude, off), axis=1).max())
 
-    def anchors(self, tree: int) -> Anchors:
-        """Anchors of the mesh vertices of a tree's variant, in the order of ``Tree.mesh.vertices``."""
-        key = self.variant(tree)
-        if key not in self._anchors:
-            mesh = self._forest.variants[key].mesh
-            self._anchors[key] = self.anchors_of(tree, mesh.vertices, corner_leaves(mesh))
-        return self._anchors[key]
-
-    def anchors_of(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> Anchors:
-        """Anchors of points (N, 3) of a tree's variant in its own frame; leaf : (N,) its leaf, -1 wood."""
-        shape = self.shape(tree)
-        return _still(len(points)) if shape is None else shape.anchors_of(points, leaf)
-
-    def displacement(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
-        """(N, 3) metres that points of trees (N,) are off their rest at times (N,), in the world's axes."""
-        return self._moved(tree, at, time, 0)
-
-    def velocity(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
-        """(N, 3) metres a second of points of trees (N,) at times (N,), in the world's axes."""
-        return self._moved(tree, at, time, 1)
-
-    def reach(self, tree: np.ndarray) -> np.ndarray:
-        """(N,) metres that points of trees stay within, of six standard deviations of every mode."""
-        known = {int(t): self._reach(int(t)) for t in np.unique(tree)}
-        return np.array([known[int(t)] for t in tree])
-
     def leaning(self) -> int:
         """Count the trees asked until now whose tops lean by more than ``LEAN`` of their height, or that are
         held where they would bend farther than small rotations tell."""
@@ -623,81 +576,9 @@ class ForestSway:
                 )
         return count
 
-    def _reach(self, tree: int) -> float:
-        shape, response = self.shape(tree), self.response(tree)
-        if shape is None or response is None:
-            return 0.0
-        most = np.abs(response.mean) + np.minimum(
-            SIGMAS * response.spread(), np.abs(response.waves).sum(axis=1)
-        )
-        arm = float(np.abs(self.anchors(tree).arm).max(initial=0.0))
-        ends = np.concatenate(shape.ends)
-        far = np.linalg.norm(ends[:, :, :3], axis=2) + arm * np.linalg.norm(ends[:, :, 3:], axis=2)
-        leaf = float(np.linalg.norm(self.anchors(tree).reach, axis=1).max(initial=0.0))
-        scale = float(self._forest.stand.scale[tree])
-        return float((far @ most).max()) + 2 * (TWIST + NOD) * leaf * scale
-
-    def _moved(self, tree: np.ndarray, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
-        moved = np.zeros((len(tree), 3))
-        order_of = np.argsort(tree, kind="stable")
-        numbers, begin = np.unique(np.asarray(tree)[order_of], return_index=True)
-        for number, rows in zip(numbers.tolist(), np.split(order_of, begin[1:]), strict=True):
-            shape, response = self.shape(number), self.response(number)
-            if shape is None or response is None:
-                continue
-            for first in range(0, len(rows), FEW):
-                few = rows[first : first + FEW]
-                moved[few] = self._of_one(number, at.select(few), np.asarray(time)[few], order)
-        return moved
-
-    def _of_one(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
-        shape, stand = _sure(self.shape(tree)), self._forest.stand
-        amplitude = _sure(self.response(tree)).amplitudes(time)[order]
-        kept: dict[str, tuple[np.ndarray, np.ndarray]] = vars(shape)
-        if "_tables" not in kept:
-            kept["_tables"] = shape.ends
-        low, high = kept["_tables"]
-        both = low[at.bone]
-        both += at.along[:, None, None] * (high - low)[at.bone]
-        six = np.einsum("nm,nmi->ni", amplitude, both)
-        moved = six[:, :3] + np.cross(six[:, 3:], at.arm)
-        leafy, scale = np.flatnonzero(at.leaf >= 0), float(stand.scale[tree])
-        if len(leafy) and self._forest.species[self.variant(tree)[0]].needles is None:
-            turns = self._turns(tree, at.leaf[leafy], time[leafy])[order]
-            moved[leafy] += scale * np.cross(turns, at.reach[leafy])
-        cos, sin = np.cos(stand.rotation[tree]), np.sin(stand.rotation[tree])
-        x, y, z = moved.T
-        return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
-
-    def _turns(
-        self, tree: int, leaf: np.ndarray, time: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 3) vectors that leaves turn by about their feet at times (N,), radians, and their rates."""
-        seats, stand = _sure(self.shape(tree)).seats, self._forest.stand
-        tree_key = child_keys(self._first, np.array([tree]))
-        key = child_keys(np.broadcast_to(tree_key, leaf.shape), leaf)
-        wind = self.field.mean(float(stand.scale[tree]) * seats.foot[leaf, 2])
-        along, normal = seats.axis[leaf], seats.normal[leaf]
-        across = np.cross(along, normal)
-        value, rate = (
-            angle[:, :1] * along + angle[:, 1:] * across for angle in flutter(key, wind, time)
-        )
-        return value, rate
-
 
 def sway_of(
     forest: GrownForest, wind: Wind, seed: int, like: ForestSway | None = None
 ) -> ForestSway | None:
     """The motion of a forest in a scene's wind; None without wind or trees. like : see ``ForestSway``."""
     return ForestSway(forest, wind, seed, like) if wind.speed > 0 and len(forest.stand) else None
-
-
-def _still(count: int) -> Anchors:
-    none = np.zeros(count, np.int32)
-    return Anchors(
-        none,
-        np.zeros(count, np.float32),
-        np.zeros((count, 3), np.float32),
-        none - 1,
-        np.zeros((count, 3), np.float32),
-    )

@@ -14,7 +14,7 @@ from forest_addon.base.progress import Say
 from forest_addon.blender.scene.assets import FILE, grow_exhibits, write_species
 from forest_addon.drawing.figures import save_figure
 from forest_addon.drawing.palette import INK, PAPER
-from forest_addon.growth.library import find_species, load_species, species_names
+from forest_addon.growth.library import find_species, load_species, presets
 
 from ..command import refuse_beyond
 
@@ -46,7 +46,7 @@ def make_library(
     """
 
     refuse_beyond("--variants", variants, 1, MOST)
-    loaded = [load_species(find_species(name, Path())) for name in names or species_names()]
+    loaded = [load_species(find_species(name, Path())) for name in names or presets("species")]
     say(f"{'species':<20}{'trees':>6}{'height':>14}{'DBH':>16}{'leaves':>20}{'file':>10}")
     files = []
     for species, template in loaded:

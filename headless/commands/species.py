@@ -12,7 +12,7 @@ from pathlib import Path
 
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
-from forest_addon.growth.library import find_species, load_species, species_names
+from forest_addon.growth.library import find_species, load_species, presets
 from forest_addon.growth.measured.allometry import Kind, typical_tree
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
@@ -61,7 +61,7 @@ def show_species(
     SpecError : a species is not known or cannot be used; pictures cannot be drawn.
     """
 
-    grown = [_grow(name, seed) for name in names or species_names()]
+    grown = [_grow(name, seed) for name in names or presets("species")]
     head = f"{'species':<20}{'height':>8}{'triangles':>12}{'leaves':>9}{'leaf area':>11}{'wood':>9}"
     say(head)
     for species, tree in grown:

@@ -279,7 +279,7 @@ def portray_with_sensors(tree: Tree, sides: int = SIDES) -> Portrait:
     sides : from which the sonar pings. A few leaves that face it make a flash, so the mean of 12 sides
         is uncertain by more than a decibel.
     """
-    portrait = portray(tree)
+    portrait = portray(tree.skeleton, tree.leaves, tree.height)
     scene = _alone(tree)
     gap, profile = _scan_from_above(tree, scene)
     levels = _echo_levels(tree, scene, sides)
@@ -341,7 +341,8 @@ def _alone(tree: Tree) -> SceneGeometry:
 def _scan_from_above(tree: Tree, scene: SceneGeometry) -> tuple[float, np.ndarray]:
     """Share of pulses in the crown's circle that reach the ground, and shares of first returns by height."""
     points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
-    middle, radius = np.median(points[:, :2], axis=0), crown_width(tree) / 2
+    middle = np.median(points[:, :2], axis=0)
+    radius = crown_width(tree.skeleton, tree.leaves) / 2
     step = (np.arange(PULSES) + 0.5) / PULSES * 2 - 1
     x, y = (grid.ravel() for grid in np.meshgrid(step, step))
     inside = np.hypot(x, y) <= 1
@@ -361,7 +362,7 @@ def _echo_levels(tree: Tree, scene: SceneGeometry, sides: int) -> np.ndarray:
     """(sides,) dB of the mean power in the band, re the sent one at 1 m."""
     points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
     middle = np.median(points, axis=0)
-    away = crown_width(tree) / 2 + AWAY
+    away = crown_width(tree.skeleton, tree.leaves) / 2 + AWAY
     targets, levels = EchoTargets(scene), []
     for side in 2 * np.pi * np.arange(sides) / sides:
         place = middle - away * np.array([np.cos(side), np.sin(side), 0.0])

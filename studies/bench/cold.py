@@ -51,7 +51,7 @@ def _points() -> Job:
     from .intensities import KINDS, SIDE
 
     process = Process(KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, SIDE))
-    process = process.scaled(1000 / process.expected())
+    process = process.scaled(1000 / process.expected)
 
     def error(points: Any) -> str:
         return f"{(len(points) - 1000) / np.sqrt(1000):+.1f} σ of the count"

@@ -123,7 +123,7 @@ def _error(tolerance: float) -> list[str]:
     foot[:, 1] = 10.0 * np.arange(CONES)
     tip = foot + length[:, None] * [0.0, 0.0, 1.0]
     zeros = np.zeros(CONES, dtype=np.int64)
-    mesh = mesh_wood(Skeleton(foot, tip, radius, zeros - 1, zeros, zeros), tolerance, uv=False)
+    mesh = mesh_wood(Skeleton(foot, tip, radius, zeros - 1, zeros, zeros), tolerance)
 
     corner = mesh.vertices[mesh.triangles]
     cone = np.rint(corner[:, 0, 1] / 10.0).astype(int)

@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -99,7 +100,7 @@ def _bench_estimates(say: Say) -> None:
     at = np.column_stack([x.ravel(), y.ravel()])
     rows = []
     for count in COUNTS:
-        process = whole.scaled(count / whole.expected())
+        process = whole.scaled(count / whole.expected)
         law, errors, hills, widths = process.at(at), [], [], []
         for seed in range(4 if count < 10_000 else 2):
             points = sample(process, stream(seed, "bench estimate", count))
@@ -291,11 +292,11 @@ def run(say: Say) -> None:
 def _sampled(name: str, intensity: Intensity, count: int) -> list[str]:
     low, high = np.zeros(2), np.full(2, SIDE)
     process = Process(intensity, low, high)
-    process = process.scaled(count / process.expected())
+    process = process.scaled(count / process.expected)
     seconds = median_seconds(lambda: sample(process, stream(2, "bench", name, count)))
     runs = RUNS if count <= 10**5 else 1
     quarter = np.array([62.0, 92.0])  # from the corner to within the hills
-    mean = process.expected(low, quarter)
+    mean = replace(process, low=low, high=quarter).expected
     counts, shown = [], np.empty(0)
     for k in range(runs):
         points = sample(process, stream(3 + k, "bench", name, count))
@@ -322,7 +323,8 @@ def _marginal(process: Process, x: np.ndarray) -> float:
     low, high = process.low, process.high
     cuts = np.linspace(low[0], high[0], 1501)
     strips = [
-        process.expected(np.array([a, low[1]]), np.array([b, high[1]])) for a, b in pairwise(cuts)
+        replace(process, low=np.array([a, low[1]]), high=np.array([b, high[1]])).expected
+        for a, b in pairwise(cuts)
     ]
     share = np.append(0.0, np.cumsum(strips)) / np.sum(strips)
     return float(kstest(np.interp(x, cuts, share), "uniform").pvalue)

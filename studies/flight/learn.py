@@ -30,7 +30,6 @@ from ..inside import (
     poisson_strip,
     save_figure,
     stream,
-    train,
     write_csv,
 )
 
@@ -49,6 +48,7 @@ FLIGHT = Flight(
     height=1.5,
 )
 TRIED = 64  # flights of the test
+KEPT = 0.2  # share of the drawings that are the best
 
 
 def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] = print) -> Trained:
@@ -125,3 +125,28 @@ def draw(path: Path, history: list[tuple[float, float]], shares: dict[str, float
         right.bar(list(shares), list(shares.values()), color=[LINES[2], LINES[1], LINES[4]])
         right.set(ylabel="share that comes 40 m", ylim=(0, 1), title="Forests not seen before")
     return save_figure(figure, path)
+
+
+def train(
+    score: Callable[[np.ndarray, int], np.ndarray],
+    rng: np.random.Generator,
+    rounds: int = 20,
+    drawings: int = 64,
+    tell: Callable[[int, np.ndarray], None] | None = None,
+) -> np.ndarray:
+    """The weights (SIZE,) that the cross-entropy method comes to.
+
+    score : (D,) of weights (D, SIZE), higher is better, in a round. tell : called as tell(round, scores).
+    """
+    mean, spread = np.zeros(SIZE), np.ones(SIZE)
+    best = max(2, round(KEPT * drawings))
+    for number in range(rounds):
+        weights = mean + spread * rng.standard_normal((drawings, SIZE))
+        weights[0] = mean
+        scores = score(weights, number)
+        chosen = weights[np.argsort(-scores, kind="stable")[:best]]
+        extra = 0.3 * max(0.0, 1.0 - number / (0.7 * rounds))
+        mean, spread = chosen.mean(axis=0), chosen.std(axis=0) + extra
+        if tell:
+            tell(number, scores)
+    return mean

@@ -57,6 +57,17 @@ class EarEchoes:
     motion: np.ndarray
 
 
+def displaced(
+    sway: ForestSway, tree: int, points: np.ndarray, leaf: np.ndarray, time: float
+) -> np.ndarray:
+    """(N, 3) metres that points (N, 3) of leaves (N,) of a tree are off their rest at a time, s, with their
+    flutter, in the variant's frame and size."""
+    place = sway.moment(tree, time)[0][sway.pieces_at(tree, points, leaf)]
+    foot, turn, _ = sway.flutter(tree, leaf, time)
+    swayed = np.einsum("nij,nj->ni", place[:, :, :3], points) + place[:, :, 3] - points
+    return np.asarray(swayed + np.cross(turn, points - foot))
+
+
 @dataclass(frozen=True)
 class Shrub:
     """Shrub in the wind: leaves (L,) by centre, normal (L, 3) and radius, m, in the variant's frame."""
@@ -81,18 +92,14 @@ class Shrub:
 
     def at(self, leaf: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(K, L, 3) centres in the world of leaves (L,) at times (K,), and (K, L, 3) their normals."""
-        count, steps = len(leaf), len(time)
-        held = self.sway.anchors_of(0, self.centre[leaf], leaf).select(
-            np.tile(np.arange(count), steps)
-        )
-        tree, when = np.zeros(count * steps, np.int64), np.repeat(time, count)
-        still = self.centre[leaf] @ self.place[:, :3].T + self.place[:, 3]
-        moved = self.sway.displacement(tree, held, when).reshape(steps, count, 3)
-        normal = np.empty((steps, count, 3))
+        centre = np.empty((len(time), len(leaf), 3))
+        normal = np.empty_like(centre)
         for k, moment in enumerate(time.tolist()):
+            moved = displaced(self.sway, 0, self.centre[leaf], leaf, moment)
+            centre[k] = (self.centre[leaf] + moved) @ self.place[:, :3].T + self.place[:, 3]
             vector = self.sway.flutter(0, leaf, moment)[1]
             normal[k] = self.turn.apply(Rotation.from_rotvec(vector).apply(self.normal[leaf]))
-        return still + moved, normal
+        return centre, normal
 
 
 def told(speed: float, trials: int, seed: int) -> dict[str, tuple[float, float]]:

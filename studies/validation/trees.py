@@ -384,8 +384,8 @@ def sizes_of(tree: Tree) -> dict[str, float]:
     return {
         "dbh_m": 2 * trunk_radius(tree.skeleton, BREAST),
         "height_m": tree.height,
-        "crown_width_m": crown_width(tree),
-        "crown_base_m": crown_base(tree),
+        "crown_width_m": crown_width(tree.skeleton, tree.leaves),
+        "crown_base_m": crown_base(tree.skeleton, tree.leaves, tree.height),
         "leaf_area_m2": float(np.pi * np.square(tree.leaves.radius).sum()),
     }
 

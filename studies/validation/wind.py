@@ -46,7 +46,7 @@ from ..inside import (
     wood_of_species,
 )
 from ..inside import measures_drawn as drawn
-from .ears import of_ears
+from .ears import displaced, of_ears
 from .run import Comparison, Interval, Picture
 
 CONIFER_PRESETS = {"Picea": "norway-spruce", "Abies": "silver-fir", "Pseudotsuga": "douglas-fir"}
@@ -660,10 +660,11 @@ def _tops(seed: int) -> Comparison:
     sway = sway_of(grown, Wind(speed=CALM), seed)
     time, spreads = np.linspace(0.0, 60.0, 300), []
     for tree in range(len(grown.stand)):
-        top = int(grown.variant_of(tree).mesh.vertices[:, 2].argmax())
-        held = sway.anchors(tree).select(np.full(len(time), top))
-        moved = sway.displacement(np.full(len(time), tree), held, time)
-        spreads.append(100 * float(np.sqrt(moved.var(axis=0).sum())))
+        leaves = grown.variant_of(tree).leaves
+        top = np.array([int(leaves.centre[:, 2].argmax())])
+        moved = [displaced(sway, tree, leaves.centre[top], top, t)[0] for t in time.tolist()]
+        spread = np.sqrt(np.var(moved, axis=0).sum()) * grown.stand.scale[tree]
+        spreads.append(100 * float(spread))
     words = f"{len(spreads)} beeches on 30 x 30 m, one minute; deviation about the lean, flutter included."
     name = f"sway of the crowns' tops in {CALM:g} m/s, beeches"
     return Comparison(name, "cm", None, Interval.of(np.array(spreads)), None, words)

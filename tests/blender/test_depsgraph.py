@@ -95,13 +95,6 @@ def test_an_empty_mesh_is_harmless(empty_blender):
     assert len(read()) == 0
 
 
-def test_a_moved_object_moves_its_hits(empty_blender):
-    obj = add(quad(0, WOOD))
-    assert distance_along_x(read()) == pytest.approx(5, abs=1e-6)
-    obj.location.x = 2.5
-    assert distance_along_x(read()) == pytest.approx(7.5, abs=1e-6)
-
-
 def test_an_array_modifier_adds_hits_and_leaves(empty_blender):
     obj = add(quad(0, LEAF, 0))
     modifier = obj.modifiers.new("Array", "ARRAY")
@@ -227,13 +220,6 @@ def library_of(*things):
     return library
 
 
-def test_geometry_nodes_instances_are_seen(empty_blender):
-    with_nodes(add(quad(0, WOOD)), row(4, (2, 0, 0)))
-    scene = read()
-    assert len(scene.meshes) == 1
-    assert sorted(np.round(scene.transform[:, 0, 3], 6).tolist()) == [0, 2, 4, 6]
-
-
 def build_nested():
     """Nodes that instance an object whose nodes instance a third."""
     inner = with_nodes(add(quad(0, WOOD)), row(2, (0.5, 0, 0), add(quad(3, LEAF, 0)), keep=True))
@@ -346,16 +332,19 @@ def test_an_ignored_object_is_not_seen_and_casts_no_instances(empty_blender):
     assert len(read()) == 0
 
 
+def of_two_materials(said, **keys):
+    """An object "m" with a plain face and one of a material that says something."""
+    obj = add(quad(0, WOOD), "m", **keys)
+    for name, values in (("plain", {}), ("other", said)):
+        material = bpy.data.materials.new(name)
+        for key, value in values.items():
+            material[key] = value
+        obj.data.materials.append(material)
+    obj.data.polygons[1].material_index = 1
+
+
 def test_optics_of_material_then_object(empty_blender):
-    pane = bpy.data.materials.new("pane")
-    pane["forest_optics"], pane["forest_index"] = "glass", 1.6
-    mesh = to_mesh("m", quad(0, WOOD))
-    for material in (bpy.data.materials.new("frame"), pane):
-        mesh.materials.append(material)
-    mesh.polygons[1].material_index = 1
-    obj = bpy.data.objects.new("m", mesh)
-    obj["forest_optics"] = "mirror"
-    bpy.context.scene.collection.objects.link(obj)
+    of_two_materials({"forest_optics": "glass", "forest_index": 1.6}, forest_optics="mirror")
     with_nodes(add(quad(1, WOOD), "b", forest_optics="water"), row(3, (1, 0, 0)))
     scene = read()
     name = np.array(scene.object_name)[scene.object_index]
@@ -367,15 +356,7 @@ def test_optics_of_material_then_object(empty_blender):
 
 
 def test_reflectance_of_material_then_object_then_scanner(empty_blender):
-    leaf, plain = bpy.data.materials.new("leaf"), bpy.data.materials.new("plain")
-    leaf[REFLECTANCE_KEY] = 0.45
-    mesh = to_mesh("m", quad(0, WOOD))
-    for material in (plain, leaf):
-        mesh.materials.append(material)
-    mesh.polygons[1].material_index = 1
-    obj = bpy.data.objects.new("m", mesh)
-    obj[REFLECTANCE_KEY] = 0.2
-    bpy.context.scene.collection.objects.link(obj)
+    of_two_materials({REFLECTANCE_KEY: 0.45}, **{REFLECTANCE_KEY: 0.2})
     add(quad(5, WOOD), "n")
     scene = read()
     first = scene.object_name.index("m")
@@ -575,8 +556,6 @@ def tree():
 
 @pytest.mark.parametrize("changed", [False, True])
 def test_what_is_read_as_it_was_written_is_held_once(empty_blender, tree, changed):
-    from forest_addon.blender.scene.meshes import from_mesh, to_mesh
-
     data = to_mesh("tree", tree)
     if changed:
         for name, value in (("part", 3), ("leaf", 7), ("material_index", 1)):
@@ -592,11 +571,6 @@ def test_what_is_read_as_it_was_written_is_held_once(empty_blender, tree, change
 
 
 def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):
-    import bpy
-
-    from forest_addon.blender.read.depsgraph import read_scene
-    from forest_addon.blender.scene.meshes import to_mesh
-
     obj = bpy.data.objects.new("tree", to_mesh("tree", tree))
     bpy.context.collection.objects.link(obj)
     plain = read_scene(bpy.context.evaluated_depsgraph_get()).meshes[0]
@@ -615,8 +589,6 @@ def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):
 
 
 def test_order_and_texture_arrive_in_blender(empty_blender, tree):
-    from forest_addon.blender.scene.meshes import to_mesh
-
     data = to_mesh("tree", tree)
     order = np.empty(len(data.polygons), dtype=np.int8)
     data.attributes["order"].data.foreach_get("value", order)

@@ -20,9 +20,9 @@ from forest_addon import api as forest
 from forest_addon.flight import ENVIRONMENTS
 from forest_addon.flight.environment import FlightEnv, FlightVectorEnv, PoissonEnv
 from forest_addon.flight.obstacles import distances
-from forest_addon.flight.senses import SONAR, LidarSense
+from forest_addon.flight.senses import SONAR, LidarSense, degrees
 from forest_addon.flight.stems import poisson_forests
-from forest_addon.spec import Beam, Flight, Mobile, Noise, SpecError
+from forest_addon.spec import Beam, Flight, Mobile, Noise, Pose, Sonar, SpecError
 
 FLIGHT = Flight(distance=15.0, steps=60, start_low=(0.0, 0.0), start_high=(1.0, 1.0), thinnest=0.0)
 SCENE = forest.Scene(
@@ -60,6 +60,16 @@ def same(one, other):
     )
 
 
+def posed(sensor, state):
+    """The settings of a flyer's scanner or sonar at its pose."""
+    heading, pitch, roll = degrees(state, 0)
+    place = tuple(state.position[0].tolist())
+    if isinstance(sensor, Sonar):
+        return sensor.changed(position=place, azimuth_deg=heading, elevation_deg=pitch)
+    pose = Pose(position=place, heading_deg=heading, pitch_deg=pitch, roll_deg=roll)
+    return sensor.changed(poses=(pose,))
+
+
 @pytest.mark.medium
 def test_a_step_senses_what_the_sensors_find_there(env):
     """To the bit: the scan and the ping at the flyer's pose, in the same forest built in Blender."""
@@ -68,13 +78,13 @@ def test_a_step_senses_what_the_sensors_find_there(env):
         told = env.step(np.array([turn, 0.4, 0.2]))[0]
     flyers = env.flights.flyers
     world = env.world()
-    scanner = flyers.lidar.scanner.changed(poses=(flyers.lidar.pose(flyers.state),))
+    scanner = posed(flyers.lidar.scanner, flyers.state)
     cloud = world.scan(scanner).found
     assert len(cloud) > 10
     truth = np.full(flyers.lidar.rays, scanner.max_range)
     truth[cloud.pulse] = cloud.true_range
     assert np.array_equal(told["lidar"], truth)
-    heard = world.ping(flyers.ears.settings(flyers.state))
+    heard = world.ping(posed(flyers.ears.sonar, flyers.state))
     ours = flyers.ears.ping(flyers.world, flyers.state)
     assert heard.pings[0].heard.instance.size > 10
     assert np.array_equal(ours.waveforms, heard.pings[0].waveforms)
@@ -112,7 +122,7 @@ def test_any_pattern_is_that_of_the_scanner(env, scanner):
     told = lidar.look(flyers.world, state, np.array([seed]))[0]
     world = env.world()
     world.scene = world.scene.changed(seed=seed)
-    cloud = world.scan(scanner.changed(poses=(lidar.pose(state),))).found
+    cloud = world.scan(posed(scanner, state)).found
     first = cloud.number == 1
     truth = np.full(lidar.rays, scanner.max_range)
     truth[cloud.pulse[first]] = cloud.returns.distance[first]
@@ -418,13 +428,13 @@ def test_a_step_senses_the_trees_of_its_moment(swaying_env):
     flyers, world = swaying_env.flights.flyers, swaying_env.world()
     bpy.context.scene.render.fps = 24
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + round(2 * STEP * 24))
-    scanner = flyers.lidar.scanner.changed(poses=(flyers.lidar.pose(flyers.state),))
+    scanner = posed(flyers.lidar.scanner, flyers.state)
     cloud = world.scan(scanner).found
     truth = np.full(flyers.lidar.rays, scanner.max_range)
     truth[cloud.pulse] = cloud.true_range
     assert len(cloud) > 10
     assert np.array_equal(told["lidar"], truth)
-    heard = world.ping(flyers.ears.settings(flyers.state)).pings[0]
+    heard = world.ping(posed(flyers.ears.sonar, flyers.state)).pings[0]
     ours = flyers.ears.ping(flyers.world, flyers.state, time=float(flyers.time[0]))
     assert heard.heard.instance.size > 10
     assert np.array_equal(ours.waveforms, heard.waveforms)

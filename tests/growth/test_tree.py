@@ -480,7 +480,7 @@ def test_cone_and_frustum():
     assert cone.volume == pytest.approx(np.pi * 0.25)
     assert cone.area == pytest.approx(np.pi * 0.5 * np.hypot(3, 0.5))
     assert cone.projected == pytest.approx(1.5)
-    fine = mesh_wood(straight(3.0, 0.5, 0.2), 1e-6, uv=False)
+    fine = mesh_wood(straight(3.0, 0.5, 0.2), 1e-6)
     frustum = wood_of_skeleton(straight(3.0, 0.5, 0.2))
     measured = wood_of_mesh(fine)
     assert measured.volume == pytest.approx(frustum.volume, rel=1e-2)

@@ -106,16 +106,6 @@ def test_studies_have_moved(study, capsys):
     assert capsys.readouterr().err.endswith(f"python -m studies {study}\n")
 
 
-def test_too_little_memory_is_one_line(headless, monkeypatch, tmp_path):
-    def huge(*_):
-        raise MemoryError("Unable to allocate 3 TiB")
-
-    monkeypatch.setattr("headless.commands.run.run", huge)
-    done = headless("run", "scene.toml", "--out", tmp_path / "o")
-    assert done.returncode == 1
-    assert done.stderr.startswith("error: there is not enough memory for 3 TiB more; ")
-
-
 @pytest.mark.slow
 def test_a_species_called_as_no_file_can_be(headless, tmp_path, monkeypatch):
     monkeypatch.setattr("headless.report.trees.ICON", 24)
@@ -212,15 +202,18 @@ def scene(tmp_path):
     return tmp_path / "scene.toml"
 
 
-def test_a_step_is_a_line_that_says_what_it_found(scene, tmp_path, capsys):
-    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 0
+def test_a_step_is_a_line_that_says_what_it_found(scene, tmp_path, monkeypatch, capsys):
+    """Also where a folder is called like the command."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    assert main(["run", "scene.toml", "--out", "run"]) == 0
     said = capsys.readouterr().err
     assert "\r" not in said
     assert "\n\n" not in said
     lines = said.splitlines()
     assert max(map(len, lines)) < 110 + len(str(tmp_path))
     tripod = next(line for line in lines if "terrestrial tripod" in line)
-    with laspy.open(tmp_path / "out" / "tripod.laz") as cloud:
+    with laspy.open(tmp_path / "run" / "tripod.laz") as cloud:
         assert f"{cloud.header.point_count:,} points" in tripod
     assert "checked: " in tripod
     assert not any("sent again" in line for line in lines)
@@ -244,28 +237,27 @@ def test_what_ships_is_named_from_any_folder(word, tmp_path, monkeypatch):
     assert api.read(word).name == api.read(ASSETS / "scenes" / "demo.toml").name
 
 
-def test_a_mistyped_command_or_scene_is_answered_with_the_nearest(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--versoin", 'did you mean "--version"'),
+        ("run demo --quite", 'did you mean "--quiet"'),
+        ("run demo hedge", "hedge: is a word too many"),
+        ("rnu demo", 'did you mean "run"'),
+        ("run dmo", 'did you mean "demo"'),
+    ],
+)
+def test_a_mistyped_command_or_scene_is_answered_with_the_nearest(
+    words, said, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
-    assert main(["--versoin"]) == 2
-    assert 'did you mean "--version"' in capsys.readouterr().err
-    assert main(["--versoin"]) == 2
-    assert 'did you mean "--version"' in capsys.readouterr().err
-    assert main(["run", "demo", "--quite"]) == 2
-    assert 'did you mean "--quiet"' in capsys.readouterr().err
-    assert main(["run", "demo", "hedge"]) == 2
-    assert "hedge: is a word too many" in capsys.readouterr().err
-    assert main(["rnu", "demo"]) == 2
-    assert 'did you mean "run"' in capsys.readouterr().err
-    assert main(["run", "dmo"]) == 2
-    assert 'did you mean "demo"' in capsys.readouterr().err
+    assert main(words.split()) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_mistyped_scene_is_answered_with_the_nearest_in_python():
     with pytest.raises(spec.SpecError, match='did you mean "demo"'):
         api.read("dmo")
-
-
-def test_a_folder_may_be_called_like_the_command(scene, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "run").mkdir()
-    assert main(["run", "scene.toml", "--out", "run"]) == 0
 
 
 def test_doctor_names_what_computes_and_how_to_get_what_is_missing(monkeypatch, capsys):
@@ -417,24 +409,6 @@ def test_trees_that_spacing_takes_away_are_told(run):
     assert "nearer to others" not in run(crowded.replace("4.0", "0.05")).stderr
 
 
-@pytest.mark.parametrize("workers", [0, -3])
-def test_fewer_than_one_worker_is_refused(run, workers):
-    ended = run(BARE, f"--workers={workers}")
-    assert ended.returncode == 2
-    assert "--workers" in ended.stderr
-
-
-def test_what_asks_for_more_memory_than_there_is_by_far_is_refused_before_it_begins(run, tmp_path):
-    far = (
-        BARE
-        + "[[sensors]]\nkind = 'terrestrial'\nposition = [5, 5, 1.6]\nangle_step_deg = 0.0004\n"
-    )
-    ended = run(far)
-    assert ended.returncode == 2
-    assert "GB of memory" in ended.stderr
-    assert not list((tmp_path / "out").glob("*.laz"))
-
-
 @pytest.mark.medium
 @pytest.mark.parametrize(
     ("more", "said"),
@@ -471,6 +445,10 @@ def test_what_is_hardly_meant_is_warned_of(run, tmp_path, more, said):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
+        (
+            "[[sensors]]\nkind = 'terrestrial'\nposition = [5, 5, 1.6]\nangle_step_deg = 0.0004\n",
+            "GB of memory",
+        ),
         ("[tiles]\nsize = 0.0001\n", "give at least 0.01 m"),
         ("[[sensors]]\nkind = 'reverb'\nsample_rate = 8000.5\n", "need a whole number of hertz"),
         (f"[[sensors]]\nkind = 'terrestrial'\nname = '{'x' * 300}'\n", "give a shorter one"),
@@ -490,19 +468,24 @@ def test_what_cannot_be_meant_is_refused_in_one_sentence(run, tmp_path, more, sa
     assert ended.returncode == 2
     assert said in ended.stderr
     assert ended.stderr.count("error:") == 1
+    assert not list((tmp_path / "out").glob("*.laz"))
 
 
-def test_a_species_without_a_grammar_has_no_string(headless):
-    ended = headless("derive", "scots-pine")
-    assert ended.returncode == 2
-    assert "not by an L-system" in ended.stderr
-
-
-def test_a_level_that_is_no_number_is_refused(headless, tmp_path):
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("run demo --workers=0", "--workers"),
+        ("run demo --workers=-3", "--workers"),
+        ("derive scots-pine", "not by an L-system"),
+        ("convolve a.wav a.wav --normalise nan", "nan is no finite number"),
+    ],
+)
+def test_words_that_cannot_be_meant_are_refused(headless, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
     write_wav(tmp_path / "a.wav", np.sin(np.arange(4000.0)), 8000)
-    ended = headless("convolve", tmp_path / "a.wav", tmp_path / "a.wav", "--normalise", "nan")
+    ended = headless(*words.split())
     assert ended.returncode == 2
-    assert "nan is no finite number" in ended.stderr
+    assert said in ended.stderr
 
 
 def test_words_of_numpy_are_a_fault_of_the_program_and_say_where(empty_blender):

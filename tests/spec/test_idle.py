@@ -53,6 +53,9 @@ from forest_addon.spec.choices import (
     need_of,
 )
 from forest_addon.stand.compose import Inputs
+from headless.dataset.place import heights_of, place_sensors
+from headless.dataset.plan import read_plan, recipes
+from headless.dataset.settings import Ground, Keep, Mix, Placing, Splits
 
 GROUPS = (Sonar(), Reverb(), Terrestrial(), Mobile(), Airborne(), Planting(species="x", expected=3))
 
@@ -427,8 +430,6 @@ def test_every_setting_of_the_output_changes_files_or_is_said_to_be_idle(tmp_pat
 @pytest.mark.slow
 @pytest.mark.parametrize("rule", ["centre", "corners", "scattered", "path", "over", "pairs"])
 def test_every_setting_of_a_place_moves_a_sensor_or_is_said_to_be_idle(rule):
-    from headless.dataset.place import place_sensors
-    from headless.dataset.settings import Placing
 
     sensor = {"path": Sonar(name="a"), "over": Airborne(name="a"), "pairs": Reverb(name="a")}
     scene = Scene(forest=Forest(size=(20, 20)), sensors=(sensor.get(rule, Terrestrial(name="a")),))
@@ -443,9 +444,6 @@ def test_every_setting_of_a_place_moves_a_sensor_or_is_said_to_be_idle(rule):
 
 @pytest.mark.slow
 def test_every_table_of_a_plan_changes_its_scenes_or_is_said_to_be_idle(tmp_path):
-    from headless.dataset.place import heights_of
-    from headless.dataset.plan import read_plan, recipes
-    from headless.dataset.settings import Ground, Mix, Splits
 
     field = Forest(size=(20, 20))
     for ground in (Ground(), Ground(relief=3.0)):
@@ -490,9 +488,7 @@ def toml(value):
 @pytest.mark.slow
 def test_everything_that_a_dataset_keeps_is_a_file_or_is_said_to_be_idle(tmp_path):
     pytest.importorskip("bpy")
-    from headless.dataset.plan import read_plan, recipes
     from headless.dataset.scene import Session, make
-    from headless.dataset.settings import Keep
 
     written = (
         "count = 1\n[scene.forest]\nsize = [8, 8]\n"

@@ -484,7 +484,7 @@ HILLS = Planting(
 @pytest.mark.parametrize("gaussians", [HILLS.gaussians, ()])
 def test_expected_number_scales_the_intensity(gaussians):
     planting = Planting(species="m", expected=37.5, gaussians=gaussians)
-    assert process_of(planting, STAND_FIELD).expected() == pytest.approx(37.5, rel=1e-12)
+    assert process_of(planting, STAND_FIELD).expected == pytest.approx(37.5, rel=1e-12)
 
 
 def test_zero_trees_and_nothing_to_scale():

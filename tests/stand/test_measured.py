@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from forest_addon import spec
-from forest_addon.api.world import trees_in_world
+from forest_addon.api.world import World
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import DEAD, LEAF, WOOD
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library import FOLDER, find_species, load_species, read_allometry
+from forest_addon.growth.library import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import TARGETS, Wanted, band, draw, scores
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import grow
@@ -128,7 +128,7 @@ def test_sizes_in_a_stand_are_one_joint_law():
 
     Of 2,500 trees each of ten correlations is off by 4.5 standard errors with a chance of 7e-6.
     """
-    name, law = "norway-spruce", read_allometry("picea-abies", FOLDER)
+    name, law = "norway-spruce", read_allometry("picea-abies", Path())
     rows = Rows(row_spacing=30, tree_spacing=30)
     targets = Targets(dbh=Normal(mean=0.3, sd=0.07), allometry="picea-abies")
     planting = Planting(species=name, layout="rows", rows=rows, targets=targets)
@@ -188,7 +188,7 @@ def targets_grown(tmp_path, targets):
 
 
 @pytest.mark.slow
-def test_target_and_reached_of_every_tree(tmp_path):
+def test_target_and_reached_of_every_tree(tmp_path, monkeypatch):
     forest = targets_grown(tmp_path, Targets(allometry="betula"))
     assert forest.notes == ()
     (met,) = met_targets(forest)
@@ -206,7 +206,9 @@ def test_target_and_reached_of_every_tree(tmp_path):
     height = np.array(table["height_m"])
     inside = (height >= low[:, 0]) & (height <= high[:, 0])
     assert told["measures"]["height"]["within_band"] == inside.mean()
-    columns = trees_in_world(forest, NONE)
+    world = World(Scene(), tmp_path, forest, None)
+    monkeypatch.setattr(world, "_standing", lambda: (forest, NONE))
+    columns = world.trees
     assert columns["target_leaf_area_m2"].dtype == columns["in_band"].dtype == np.float64
     assert columns["not_met"].shape == (3,)
 

@@ -172,7 +172,7 @@ def test_modes_have_the_energy_of_a_fine_integration_in_time():
     at = np.arange(50.0, 90.0, 0.1)
     solved = solve_ivp(rate, (0, 90), np.zeros(8), t_eval=at, max_step=0.05, rtol=1e-6)
     energy = (solved.y[4:] ** 2 + (omega[:, None] * solved.y[:4]) ** 2).T / 2
-    value, speed = answer.amplitudes(at)
+    value, speed = answer.exact(at)
     own = (speed**2 + (omega * value) ** 2) / 2
     assert own[:, :2].mean() == pytest.approx(energy[:, :2].mean(), rel=0.01)
     assert own.mean(axis=0) == pytest.approx(energy.mean(axis=0), rel=0.01)
@@ -187,7 +187,7 @@ def test_what_bends_turns_out_of_the_wind():
     force = drag(shape, field.mean(points[:, 2]))[0]
     along = modes[:, 0] @ np.append(field.along, 0.0)
     tilt = (shape.tilts[:, 0] ** 2).sum(axis=1)
-    shaken = tilt * found.spread()[0] ** 2
+    shaken = tilt * 0.5 * (np.abs(found.waves[0]) ** 2).sum()
     stiff = (2 * np.pi * found.frequency[0]) ** 2
 
     def left(q):
@@ -199,16 +199,11 @@ def test_what_bends_turns_out_of_the_wind():
     assert abs(exact) < 0.98 * abs(linear)
 
 
-def test_velocity_is_the_derivative_and_knots_change_nothing():
+def test_velocity_is_the_derivative():
     answer = response_of(tree(), WindField.drawn(BREEZE, 15.0, LEAVES, 2), np.zeros(3), 0.0)
     time = np.sort(np.random.default_rng(1).uniform(0, 50, 200))
-    value, speed = answer.amplitudes(time)
-    low, high = (answer.amplitudes(time + d)[0] for d in (-1e-5, 1e-5))
-    assert speed == pytest.approx((high - low) / 2e-5, abs=1e-6)
-    exact, _ = answer.exact(time)
-    assert np.abs(value - exact).max() < 1e-3 * answer.spread().max()
-    alone = np.concatenate([answer.amplitudes(t[None])[0] for t in time[::-1]])[::-1]
-    assert (alone == value).all()
+    low, high = (answer.exact(time + d)[0] for d in (-1e-5, 1e-5))
+    assert answer.exact(time)[1] == pytest.approx((high - low) / 2e-5, abs=1e-6)
 
 
 def test_damping_grows_with_the_wind():
@@ -247,12 +242,9 @@ def test_a_leaf_is_held_where_its_stalk_is():
     )
     shape = shape_of(skeleton, leaves, WOOD)
     assert shape.seats.foot == pytest.approx(foot)
-    assert shape.seats.axis == pytest.approx(axis)
-    held = shape.anchors_of(np.array([[0.15, 0.0, 10.0], [0.0, 0.08, 10.0]]), np.array([0, -1]))
-    assert held.reach[0] == pytest.approx([0.1, 0.0, 0.0])
-    assert held.reach[1] == pytest.approx([0, 0, 0])
-    assert held.bone[0] == held.bone[1]
-    assert held.arm[1] == pytest.approx([0.0, 0.08, 0.0], abs=1e-6)
+    assert shape.seats.direction == pytest.approx(axis)
+    held = shape.members_at(np.array([[0.15, 0.0, 10.0], [0.0, 0.08, 10.0]]), np.array([0, -1]))
+    assert held[0] == held[1]
 
 
 def test_wind_that_cannot_be_is_refused():

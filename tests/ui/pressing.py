@@ -10,7 +10,6 @@ from forest_addon.blender.scene.layout import CLOUD_KEY
 
 ROOT = Path(__file__).resolve().parents[2]
 SENSORS = {"scan": "tractor", "cloud": "terrestrial", "echo": "sonar", "reverb": "reverb"}
-LIDARS = ("scan", "cloud")
 
 
 def press(name, **settings):

@@ -33,9 +33,9 @@ import numpy as np
 from ...base.rng import child_keys, keyed_uniform, truncated_normal
 from ...base.runs import numbered
 from ...spec import MAX_REACH, Grammar, Honda, Jitter, Leaf, Species
-from ..draw import GOLDEN, draw_discrete, draw_normal, mean_of
-from ..mesh.blades import across, set_leaves
-from ..skeleton import TOUCH, LeafSites, Skeleton, depths, first_level, root_of
+from ..draw import GOLDEN, draw_discrete, draw_normal
+from ..mesh.blades import leaves_on_nodes, set_leaves
+from ..skeleton import TOUCH, LeafSites, Skeleton, branch_feet, depths, first_level, root_of
 from .system import Notation, System, read_system, rewrite, written
 from .turtle import find_paths, grow_ruled
 
@@ -191,7 +191,7 @@ def _copied(skeleton: Skeleton, copies: int, key: int) -> Skeleton:
     aloft = np.flatnonzero(level >= 0)
     if copies == 1 or not len(aloft):
         return skeleton
-    roots = aloft[np.unique(level[aloft], return_index=True)[1]]
+    roots = branch_feet(skeleton)
     trunk = skeleton.parent[roots]  # the segment that each first-level branch leaves
     onward = np.full(len(skeleton), -1)
     stem = np.flatnonzero((skeleton.order == 0) & (skeleton.parent >= 0))
@@ -234,17 +234,12 @@ def _tip_leaves(skeleton: Skeleton, leaf: Leaf, key: int) -> LeafSites:
     gap = np.abs(skeleton.start - skeleton.end[parent]).max(axis=1)
     goes_on[parent[(parent >= 0) & (gap < TOUCH)]] = True
     tip = np.flatnonzero(~goes_on)
-    each = leaf.nodes * leaf.per_node
-    segment = np.repeat(tip, each)
-    number = np.tile(np.arange(each), len(tip))
-    node, side = number // leaf.per_node, number % leaf.per_node
-    keys = child_keys(np.full(len(segment), key, np.uint64), segment)
-    keys = child_keys(child_keys(keys, "leaf"), number)
-    along = skeleton.end[segment] - skeleton.start[segment]
-    foot = skeleton.start[segment] + ((node + 1) / leaf.nodes)[:, None] * along
-    heading = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    azimuth = 2 * np.pi * side / leaf.per_node + np.deg2rad(leaf.fan_deg) * node
-    return set_leaves(leaf, keys, foot, heading, across(heading), azimuth, segment)
+    keys = child_keys(child_keys(np.full(len(tip), key, np.uint64), tip), "leaf")
+    along = (skeleton.end - skeleton.start)[tip, None]
+    share = ((np.arange(leaf.nodes) + 1) / leaf.nodes)[:, None]
+    heading = along / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-12)
+    heading = np.repeat(heading, leaf.nodes, axis=1)
+    return leaves_on_nodes(leaf, keys, skeleton.start[tip, None] + share * along, heading, tip)
 
 
 MAX_SEGMENTS = 5_000_000
@@ -284,8 +279,8 @@ def predict_branches(honda: Honda) -> float:
     for levels, weight in zip(honda.levels.values, weights, strict=True):
         here = branches = 1.0
         for level in range(levels):
-            trunk = honda.trunk_daughters if level == 0 else None
-            here *= mean_of(trunk or honda.daughters) + leader
+            choice = (honda.trunk_daughters if level == 0 else None) or honda.daughters
+            here *= float(np.average(choice.values, weights=choice.weights or None)) + leader
             branches += here
         total += branches * weight / sum(weights)
     return total
@@ -327,7 +322,14 @@ def grow_honda(honda: Honda, leaf: Leaf, key: int) -> tuple[Skeleton, LeafSites]
     skeletons, leaves, drawn = [], [], 0
     for level in range(levels + 1):
         chains = _draw(honda, here, drawn)
-        skeletons.append(_segments(here, chains, honda.tip))
+        radius = here.radius[:, None] * (
+            1 + (honda.tip - 1) * np.arange(honda.pieces + 1) / honda.pieces
+        )
+        skeletons.append(
+            Skeleton.of_chains(
+                *(chains.node, radius, here.parent, here.order, here.generation), drawn
+            )
+        )
         drawn += len(skeletons[-1])
         if leaf.on and level > levels - honda.leaf_levels:
             leaves.append(_leaves(honda, leaf, here, chains))
@@ -378,22 +380,6 @@ def _turn(vectors: np.ndarray, axes: np.ndarray, angles: np.ndarray) -> np.ndarr
     cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
     along = np.einsum("bi,bi->b", axes, vectors)[:, None] * axes
     return np.asarray(cos * vectors + sin * np.cross(axes, vectors) + (1 - cos) * along)
-
-
-def _segments(here: _Branches, chains: _Chains, tip: float) -> Skeleton:
-    count, pieces = chains.heading.shape[:2]
-    number = chains.first + np.arange(count * pieces).reshape(count, pieces)
-    parent = np.concatenate([here.parent[:, None], number[:, :-1]], axis=1)
-    taper = 1 + (tip - 1) * np.arange(pieces + 1) / pieces
-    radius = here.radius[:, None] * taper
-    return Skeleton(
-        start=chains.node[:, :-1].reshape(-1, 3),
-        end=chains.node[:, 1:].reshape(-1, 3),
-        radius=np.stack([radius[:, :-1], radius[:, 1:]], axis=2).reshape(-1, 2),
-        parent=parent.ravel(),
-        order=np.repeat(here.order, pieces),
-        generation=(here.generation[:, None] + np.arange(pieces)).ravel(),
-    )
 
 
 def _children(

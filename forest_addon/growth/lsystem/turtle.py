@@ -298,32 +298,18 @@ def find_paths(opens: np.ndarray, closes: np.ndarray) -> tuple[np.ndarray, ...]:
     return command, before, branch, parent
 
 
-@dataclass(frozen=True)
-class Walk:
-    """Drawing of a turtle; lengths in its own unit.
-
-    skeleton : its segments, in the order of the string.
-    leaves : length and width NaN where the string says none.
-    branch, leaf_branch : (S,), (L,) brackets that a segment and a leaf stand in.
-    parent : (B,) branch that each branch leaves.
-    """
-
-    skeleton: Skeleton
-    leaves: LeafSites
-    branch: np.ndarray
-    leaf_branch: np.ndarray
-    parent: np.ndarray
-
-
 def walk(
     commands: Commands,
     diameter: float,
     tropism: tuple[float, float, float] = (0.0, 0.0, -1.0),
     elasticity: float = 0.0,
-) -> Walk:
-    """Walk a turtle from the origin along +Z, its left towards +X.
+    prune_descending: bool = False,
+) -> tuple[Skeleton, LeafSites]:
+    """Walk a turtle from the origin along +Z, its left towards +X: its segments, in the order of the string,
+    and its leaves, length and width NaN where the string says none; in its own unit.
 
     tropism : direction that segments bend to; its length counts, as in ABOP. elasticity : radians.
+    prune_descending : leave out brackets in which a segment ends lower than it starts.
 
     Raises
     ------
@@ -351,7 +337,17 @@ def walk(
         segment=last[leaf],
     )
     _measure_outlines(leaves, leaf, outline, place)
-    return Walk(skeleton, leaves, branch[drawn], branch[leaf], parent)
+    if prune_descending:
+        rise = skeleton.end[:, 2] - skeleton.start[:, 2]
+        removed = np.zeros(len(parent), bool)
+        removed[branch[drawn][rise < -ROUNDING * skeleton.length]] = True
+        removed = removed[root_of(np.where(removed, -1, parent))]  # and all that these bear
+        kept = ~removed[branch[drawn]]
+        # What a kept segment hangs on is kept too: it stands in the same branch or in one below.
+        number = np.append(np.cumsum(kept) - 1, -1)
+        leaves = leaves.select(~removed[branch[leaf]])
+        leaves, skeleton = replace(leaves, segment=number[leaves.segment]), skeleton.some(kept)
+    return skeleton, leaves
 
 
 def _states(
@@ -485,28 +481,6 @@ def _measure_outlines(
         out[walked] = (high - low)[walked]
 
 
-def prune_descending(walked: Walk) -> Walk:
-    """The walk without the brackets in which a segment ends lower than it starts."""
-    skeleton = walked.skeleton
-    rise = skeleton.end[:, 2] - skeleton.start[:, 2]
-    length = skeleton.length
-    removed = np.zeros(len(walked.parent), bool)
-    removed[walked.branch[rise < -ROUNDING * length]] = True
-    removed = removed[root_of(np.where(removed, -1, walked.parent))]  # and all that these bear
-
-    kept, kept_leaf = ~removed[walked.branch], ~removed[walked.leaf_branch]
-    # What a kept segment hangs on is kept too: it stands in the same branch or in one below.
-    number = np.append(np.cumsum(kept) - 1, -1)
-    leaves = walked.leaves.select(kept_leaf)
-    return replace(
-        walked,
-        skeleton=skeleton.some(kept),
-        leaves=replace(leaves, segment=number[leaves.segment]),
-        branch=walked.branch[kept],
-        leaf_branch=walked.leaf_branch[kept_leaf],
-    )
-
-
 def system_of(rules: Rules) -> System:
     """The L-system that rules describe.
 
@@ -536,10 +510,10 @@ def grow_ruled(
             f"{rules.generations} generations make {about}{written(size.symbols)} symbols, more than the "
             f"{MAX_WALKED:,} that fit in memory as a tree; use fewer generations"
         )
-    walked = walk(_commands(rules, word), rules.diameter, rules.tropism, rules.elasticity)
-    if rules.prune_descending:
-        walked = prune_descending(walked)
-    skeleton, leaves = walked.skeleton, walked.leaves
+    skeleton, leaves = walk(
+        *(_commands(rules, word), rules.diameter, rules.tropism, rules.elasticity),
+        rules.prune_descending,
+    )
     scaled = replace(
         skeleton,
         start=skeleton.start * rules.scale,

@@ -48,12 +48,12 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.special import ndtr, ndtri
 
 from ...base.rng import keyed_uniform
-from ...spec import Allometry, Law, Normal, SpecError, Species, Targets
+from ...spec import Allometry, Law, Normal, SpecError, Targets
 from ...spec.species import DBH
 from ..draw import draw_normal
 from ..mesh.blades import Blade
 from ..mesh.leaves import Leaves
-from ..skeleton import LeafSites, Skeleton, first_level, stem_radii
+from ..skeleton import LeafSites, Skeleton, branch_feet, first_level, stem_radii
 
 MEASURES = ("height", "crown_width", "crown_base", "leaf_area")  # columns, in this order
 Z90 = 1.6448536269514722  # 90 % of a normal lie within ± this
@@ -320,11 +320,6 @@ def half_of_surface(
         outline = HALF_OVER_OUTLINE.get(genus, HALF_OVER_OUTLINE[""])
         factor[row] = {"half": 1.0, "all": 0.5, "outline": outline}[str(way[row]) or told]
     return area * factor
-
-
-def diameters(dbh: np.ndarray, study: np.ndarray) -> np.ndarray:
-    """(N,) diameters (N,) in the table's unit, those of studies that measured in another put right."""
-    return dbh * np.array([DIAMETER_UNITS.get(str(name), 1.0) for name in study])
 
 
 def fit_kind(name: str, table: Mapping[str, np.ndarray], source: str) -> Allometry:
@@ -668,14 +663,6 @@ def refuse_contradictions(
             )
 
 
-def fitted_template(species: Species, wanted: Wanted) -> Species:
-    """The species with settings that make its trees as tall and as thick as wanted."""
-    if species.siblings is not None:
-        sized = species.siblings.changed(age=1.0, height=wanted.height, dbh=wanted.dbh)
-        return species.changed(siblings=sized)
-    return species
-
-
 def dbh_of(skeleton: Skeleton) -> float:
     """Diameter of the stem at breast height, metres; 0 of a tree that does not reach it."""
     return 2 * float(stem_radii(skeleton, BREAST).max(initial=0.0))
@@ -700,14 +687,9 @@ def crown_base_of(skeleton: Skeleton, segment: np.ndarray) -> float:
 
 def lowest_branch(skeleton: Skeleton, branch: np.ndarray) -> float:
     """Height of the lowest of first-level branches (L,), metres; without any, of the stem's lowest node."""
-    level = first_level(skeleton)
     leafy = np.unique(branch[branch >= 0])
-    if not len(leafy):
-        return 0.0
-    parent = np.maximum(skeleton.parent, 0)
-    foot = np.flatnonzero((level >= 0) & ((level != level[parent]) | (skeleton.parent < 0)))
-    foot = foot[np.isin(level[foot], leafy)]
-    return float(skeleton.start[foot, 2].min())
+    foot = branch_feet(skeleton)[leafy]
+    return float(skeleton.start[foot, 2].min()) if len(leafy) else 0.0
 
 
 def crown_of(skeleton: Skeleton, leaves: Leaves, grafted: bool) -> tuple[float, float]:

@@ -109,7 +109,9 @@ def colonise(
     volume = np.pi * (width / 2) ** 2 * span * 0.45
     if scaffold is not None and crown.gaps:
         limbs, bearing = scaffold
-        points = _near(points, limbs.place[~limbs.trunk | bearing], crown.points)
+        # Those that are nearest to limbs, so that the sky shows between limbs.
+        away, _ = cKDTree(limbs.place[~limbs.trunk | bearing]).query(points)
+        points = points[np.sort(np.argsort(away, kind="stable")[: crown.points])]
         volume *= 1 - crown.gaps
     apart = (volume / max(len(points), 1)) ** (1 / 3)
     step, kill = STEP * apart, KILL * apart
@@ -163,12 +165,6 @@ def colonise(
     trunk = np.zeros(count, dtype=bool)
     trunk[: len(given.trunk)] = given.trunk
     return Nodes(every, np.concatenate(parent).astype(np.int64), trunk)
-
-
-def _near(points: np.ndarray, limbs: np.ndarray, count: int) -> np.ndarray:
-    """The ``count`` points of (A, 3) nearest to limbs (N, 3), so that the sky shows between limbs."""
-    away, _ = cKDTree(limbs).query(points)
-    return points[np.sort(np.argsort(away, kind="stable")[:count])]
 
 
 def _points(
@@ -577,10 +573,7 @@ def orders_of(nodes: Nodes, total: np.ndarray) -> np.ndarray:
     goes_on = np.zeros(count, dtype=bool)
     goes_on[up[last]] = True
     goes_on &= nodes.trunk | (turn > np.cos(TURN))
-    order = np.zeros(count, dtype=np.int64)
-    for node in range(1, count):
-        order[node] = order[nodes.parent[node]] + (not goes_on[node])
-    return order
+    return depths(nodes.parent, ~goes_on)
 
 
 def skeleton_of_nodes(nodes: Nodes, total: np.ndarray) -> Skeleton:
@@ -674,15 +667,15 @@ def with_dead(wood: Skeleton, plan: Architecture, wanted: Wanted, key: np.ndarra
         [np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)]
     )
     branches = _bent(foot, heading, length, thick, keys, PIECES)
-    gone = _segments(branches, on, 1, wood, len(wood))
-    side = _sides(branches, keys, dead.twigs)
-    if side is not None:
-        line, bearer = side
-        gone = Skeleton.joined(
-            [gone, _segments(line, len(wood) + bearer, 2, gone, len(wood) + len(gone))]
-        )
-    living = replace(wood, dead=np.zeros(len(wood), dtype=bool))
-    return Skeleton.joined([living, gone])
+    ones = np.ones(count, dtype=np.int64)
+    parts = [wood, Skeleton.of_chains(*branches, on, ones, wood.generation[on] + 1, len(wood))]
+    line, bearer = _sides(branches, keys, dead.twigs)
+    if len(bearer):
+        twos, after = np.full(len(bearer), 2), parts[1].generation[bearer] + 1
+        on, first = len(wood) + bearer, len(wood) + len(parts[1])
+        parts.append(Skeleton.of_chains(*line, on, twos, after, first))
+    both = Skeleton.joined(parts)
+    return replace(both, dead=np.arange(len(both)) >= len(wood))
 
 
 def _on_stem(wood: Skeleton, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -719,33 +712,9 @@ def _bent(
     return place, np.maximum(thick[:, None] * narrow, 0.6 * THINNEST)
 
 
-def _segments(
-    line: tuple[np.ndarray, np.ndarray], on: np.ndarray, order: int, bearer: Skeleton, first: int
-) -> Skeleton:
-    """Branches as segments, each branch in a row; numbers from ``first`` on.
-
-    on : (N,) segments that bear them. parent : the skeleton that those are of.
-    """
-    place, radius = line
-    count, pieces = len(place), place.shape[1] - 1
-    number = first + np.arange(count * pieces).reshape(count, pieces)
-    parent = np.concatenate([on[:, None], number[:, :-1]], axis=1)
-    own = on - (first - len(bearer))  # numbers within the parent
-    depth = bearer.generation[own][:, None] + 1 + np.arange(pieces)
-    return Skeleton(
-        start=place[:, :-1].reshape(-1, 3),
-        end=place[:, 1:].reshape(-1, 3),
-        radius=np.stack([radius[:, :-1], radius[:, 1:]], axis=2).reshape(-1, 2),
-        parent=parent.ravel(),
-        order=np.full(count * pieces, order, dtype=np.int64),
-        generation=depth.ravel(),
-        dead=np.ones(count * pieces, dtype=bool),
-    )
-
-
 def _sides(
     branches: tuple[np.ndarray, np.ndarray], keys: np.ndarray, each: float
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray] | None:
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Side branches, and the segment that bears each, counted from the first of the branches."""
     place, radius = branches
     pieces = place.shape[1] - 1
@@ -753,8 +722,6 @@ def _sides(
     length = np.linalg.norm(way, axis=2).sum(axis=1)
     many = np.floor(each * length + keyed_uniform(keys, "sides")).astype(int)
     of, number = numbered(many)
-    if not len(of):
-        return None
     own = child_keys(keys[of], number)
     at = (0.25 + 0.7 * keyed_uniform(own, "place")) * pieces
     piece = np.minimum(at.astype(int), pieces - 1)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.runs import numbered
-from ...base.vectors import cross_rows
+from ...base.vectors import beside_segments, cross_rows
 from ..skeleton import Axes, LeafSites, Skeleton, depths, find_axes
 
 TIGHT = 2.0  # smallest radius of a bend over that of the limb
@@ -116,21 +116,12 @@ def _joints(skeleton: Skeleton, axes: Axes) -> _Joints:
     head[first] = True
     share, aside = np.ones(count), np.zeros((count, 3))
     borne = first[skeleton.parent[first] >= 0]
-    share[borne], aside[borne] = _beside(skeleton, skeleton.parent[borne], skeleton.start[borne])
+    parent = skeleton.parent[borne]
+    way = skeleton.end[parent] - skeleton.start[parent]
+    share[borne], aside[borne] = beside_segments(skeleton.start[borne], skeleton.start[parent], way)
     axis = axes.of_segment
     bearer = np.where(skeleton.parent[first] >= 0, axis[np.maximum(skeleton.parent[first], 0)], -1)
     return _Joints(head, share, aside, depths(bearer)[axis])
-
-
-def _beside(
-    skeleton: Skeleton, row: np.ndarray, place: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Share of segments' lengths (N,) next to places (N, 3), and from there to them (N, 3)."""
-    way = skeleton.end[row] - skeleton.start[row]
-    offset = place - skeleton.start[row]
-    square = np.maximum(np.einsum("ni,ni->n", way, way), 1e-18)
-    share = np.clip(np.einsum("ni,ni->n", offset, way) / square, 0.0, 1.0)
-    return share, offset - share[:, None] * way
 
 
 def _relaxed(skeleton: Skeleton, axes: Axes) -> np.ndarray:
@@ -282,7 +273,6 @@ def _resampled(
     parent = np.arange(len(row)) - 1
     bearer = skeleton.parent
     parent[begins] = np.where(bearer < 0, -1, _part_of(row, u, bearer, joints.share))
-    generation = _generations(skeleton, row, parent, begins)
     radius = _tapered(radius, np.linalg.norm(end - start, axis=1), row, axes)
     return replace(
         skeleton.select(row),
@@ -290,7 +280,7 @@ def _resampled(
         end=end,
         radius=radius,
         parent=parent,
-        generation=generation,
+        generation=depths(parent),
     )
 
 
@@ -317,24 +307,6 @@ def _part_of(row: np.ndarray, u: np.ndarray, of: np.ndarray, share: np.ndarray) 
     return np.searchsorted(row + u, of + np.minimum(share, 1 - 1e-9), side="right") - 1
 
 
-def _generations(
-    skeleton: Skeleton, row: np.ndarray, parent: np.ndarray, begins: np.ndarray
-) -> np.ndarray:
-    """(N,) number of segments below each on the way to the root."""
-    first = np.flatnonzero(begins)
-    many = np.diff(first, append=len(row))
-    beyond = np.arange(len(row)) - np.repeat(first, many)
-    base = np.zeros(len(skeleton), dtype=np.int64)
-    by_depth = np.argsort(skeleton.generation, kind="stable")
-    edges = np.flatnonzero(np.diff(skeleton.generation[by_depth], prepend=-1))
-    for low, high in zip(edges, [*edges[1:], len(by_depth)], strict=True):
-        of_depth = by_depth[low:high]
-        of_depth = of_depth[skeleton.parent[of_depth] >= 0]
-        on = parent[first[of_depth]]
-        base[of_depth] = base[row[on]] + beyond[on] + 1
-    return np.asarray(base[row] + beyond)
-
-
 def _moved_sites(
     skeleton: Skeleton, sites: LeafSites, curves: Curves, row: np.ndarray, u: np.ndarray
 ) -> LeafSites:
@@ -342,7 +314,8 @@ def _moved_sites(
     if not len(sites):
         return sites
     on = np.maximum(sites.segment, 0)
-    share, aside = _beside(skeleton, on, sites.foot)
+    start = skeleton.start[on]
+    share, aside = beside_segments(sites.foot, start, skeleton.end[on] - start)
     foot = np.where((sites.segment >= 0)[:, None], curves.at(on, share) + aside, sites.foot)
     segment = np.where(sites.segment < 0, -1, _part_of(row, u, on, share))
     return replace(sites, foot=foot, segment=segment)

@@ -25,8 +25,8 @@ from ...base.trimesh import TriMesh, join
 from ...spec import SpecError, Species
 from ..lsystem.branching import skeleton_of
 from ..mesh.blades import Blade, leaf_areas, stalk_of
-from ..mesh.leaves import Leaves, about_vertical, leaves_apart
-from ..skeleton import LeafSites, Skeleton, first_level
+from ..mesh.leaves import Leaves, about_vertical, corner_leaves, leaves_apart
+from ..skeleton import LeafSites, Skeleton, branch_feet, first_level
 from .allometry import BREAST, TARGETS, Wanted, crown_base_of, crown_of, dbh_of, leaf_tips, width_of
 from .crown import (
     borne,
@@ -171,14 +171,11 @@ def fit_grown(
 
 def pruned(skeleton: Skeleton, sites: LeafSites, share: float) -> tuple[Skeleton, LeafSites]:
     """Leave out first-level branches that start below this share of the height; the top stays."""
-    level = first_level(skeleton)
-    top = float(skeleton.end[:, 2].max())
-    parent = np.maximum(skeleton.parent, 0)
-    foot = np.flatnonzero((level >= 0) & ((level != level[parent]) | (skeleton.parent < 0)))
-    low = foot[skeleton.start[foot, 2] < share * top]
+    top, foot = float(skeleton.end[:, 2].max()), branch_feet(skeleton)
+    low = np.flatnonzero(skeleton.start[foot, 2] < share * top)
     if not len(low) or len(low) == len(foot):
         return skeleton, sites
-    kept = ~np.isin(level, level[low])
+    kept = ~np.isin(first_level(skeleton), low)
     number = np.append(np.cumsum(kept) - 1, -1)  # the last for what nothing bears
     stays = np.append(kept, True)[sites.segment]
     sites = sites.select(stays)
@@ -212,18 +209,18 @@ def stretched(skeleton: Skeleton, sites: LeafSites, wanted: Wanted) -> tuple[Ske
             knots, goals = knots[[0, 2]], goals[[0, 2]]
 
         start, end, foot = (
-            _drawn_aside(points, knots, goals, across)
-            for points in (skeleton.start, skeleton.end, sites.foot)
+            np.column_stack([p[:, :2] * across, _heights(p[:, 2], knots, goals)])
+            for p in (skeleton.start, skeleton.end, sites.foot)
         )
         skeleton, sites = replace(skeleton, start=start, end=end), replace(sites, foot=foot)
     return skeleton, sites
 
 
-def _drawn_aside(p: np.ndarray, knots: np.ndarray, goals: np.ndarray, across: float) -> np.ndarray:
-    """Points (N, 3) with heights taken from knots to goals, going on beyond the last, and drawn aside."""
+def _heights(z: np.ndarray, knots: np.ndarray, goals: np.ndarray) -> np.ndarray:
+    """Heights (N,) taken from knots to goals, going on beyond the last, and below 0 as they are."""
     slope = (goals[-1] - goals[-2]) / (knots[-1] - knots[-2])
-    z = np.interp(p[:, 2], knots, goals) + slope * np.maximum(p[:, 2] - knots[-1], 0)
-    return np.column_stack([p[:, :2] * across, z + np.minimum(p[:, 2], 0.0)])
+    new = np.interp(z, knots, goals) + slope * np.maximum(z - knots[-1], 0)
+    return np.asarray(new + np.minimum(z, 0.0))
 
 
 def _with_area(sites: LeafSites, blade: Blade, area: float) -> LeafSites:
@@ -416,7 +413,6 @@ def _drawn_out(
     radius = np.concatenate([wood.radius[trunk, 0], wood.radius[trunk, 1]])
     rise = np.argsort(nodes[:, 2], kind="stable")
     z, middle, core = nodes[rise, 2], nodes[rise, :2], CORE * radius[rise]
-    slope = (goals[-1] - goals[-2]) / (knots[-1] - knots[-2])
 
     def move(p: np.ndarray) -> np.ndarray:
         height = p[:, 2]
@@ -425,9 +421,7 @@ def _drawn_out(
         r = np.linalg.norm(away, axis=1)
         inner = np.minimum(r, np.interp(height, z, core))
         factor = (thick * inner + wide * (r - inner)) / np.maximum(r, 1e-12)
-        new = np.interp(height, knots, goals) + slope * np.maximum(height - knots[-1], 0)
-        new += np.minimum(height, 0.0)
-        return np.column_stack([axis + away * factor[:, None], new])
+        return np.column_stack([axis + away * factor[:, None], _heights(height, knots, goals)])
 
     return _moved(parts, move, np.where(wood.order == 0, thick, 1.0))
 
@@ -437,9 +431,7 @@ def _moved(
 ) -> Parts:
     """Wood through a map of points, leaves with their feet, radii by factors of segments."""
     mesh, wood = parts.mesh, parts.skeleton
-    of_vertex = np.full(len(mesh.vertices), -1)
-    is_leaf = mesh.leaf >= 0
-    of_vertex[mesh.triangles[is_leaf]] = mesh.leaf[is_leaf][:, None]
+    of_vertex = corner_leaves(mesh)
     foot = move(parts.foot) if len(parts.foot) else parts.foot
     shift = foot - parts.foot
     vertices = np.empty_like(mesh.vertices)

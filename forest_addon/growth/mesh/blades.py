@@ -27,6 +27,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...base.rng import child_keys
 from ...base.trimesh import LEAF, TriMesh
 from ...base.vectors import cross_rows
 from ...spec import Leaf, Needles
@@ -97,28 +98,22 @@ class Blade:
         return np.asarray(0.5 * np.abs(cross))
 
 
-def ellipse(corners: int = 8) -> Blade:
+def _fan(outline: np.ndarray, lifted: np.ndarray | float = 0.0) -> Blade:
+    """A convex outline (K, 2), counter-clockwise, of these heights (K,), in triangles from its foot."""
+    corner = np.arange(1, len(outline) - 1)
+    triangles = np.stack([np.zeros_like(corner), corner, corner + 1], axis=1)
+    height = np.broadcast_to(lifted, len(outline))
+    return Blade(np.column_stack([outline, height]), triangles.astype(np.int32))
+
+
+def _ellipse() -> Blade:
     """An ellipse as a polygon, widened a little so that its area is the ellipse's, π/4."""
-    angle = np.pi + 2 * np.pi * np.arange(corners) / corners
-    x, y = 0.5 + 0.5 * np.cos(angle), 0.5 * np.sin(angle)
-    y *= 2 * np.pi / (corners * np.sin(2 * np.pi / corners))
-    return _fan(np.stack([x, y], axis=1))
+    angle = np.pi + np.pi / 4 * np.arange(8)
+    y = 0.5 * np.sin(angle) * (2 * np.pi / (8 * np.sin(np.pi / 4)))
+    return _fan(np.stack([0.5 + 0.5 * np.cos(angle), y], axis=1))
 
 
-def oval() -> Blade:
-    """An egg-shaped leaf of four triangles, folded a little along its midrib."""
-    outline = np.array([[0, 0], [0.32, -0.5], [0.72, -0.36], [1, 0], [0.72, 0.36], [0.32, 0.5]])
-    lifted = np.array([0, 0.06, 0.05, 0, 0.05, 0.06])
-    triangles = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]], dtype=np.int32)
-    return Blade(np.column_stack([outline, lifted]), triangles)
-
-
-def needle() -> Blade:
-    """A narrow rhomb, two triangles."""
-    return _fan(np.array([[0, 0], [0.45, -0.5], [1, 0], [0.45, 0.5]]))
-
-
-def maple() -> Blade:
+def _maple() -> Blade:
     """Five pointed lobes, as of Acer; triangles fan out from the end of the stalk."""
     half = np.array(
         [
@@ -143,7 +138,15 @@ def maple() -> Blade:
     return Blade(np.column_stack([vertices, np.zeros(count + 1)]), triangles.astype(np.int32))
 
 
-SHAPES = {"ellipse": ellipse, "maple": maple, "needle": needle, "oval": oval}
+SHAPES = {  # an oval leaf is egg-shaped and folded a little along its midrib, a needle a narrow rhomb
+    "ellipse": _ellipse(),
+    "maple": _maple(),
+    "needle": _fan(np.array([[0, 0], [0.45, -0.5], [1, 0], [0.45, 0.5]])),
+    "oval": _fan(
+        np.array([[0, 0], [0.32, -0.5], [0.72, -0.36], [1, 0], [0.72, 0.36], [0.32, 0.5]]),
+        np.array([0, 0.06, 0.05, 0, 0.05, 0.06]),
+    ),
+}
 
 
 def blade_from(facets: np.ndarray) -> Blade:
@@ -396,13 +399,6 @@ def _frame(sites: LeafSites, part: slice) -> tuple[np.ndarray, np.ndarray, np.nd
     return d * length, cross_rows(u, d) * width, u * length
 
 
-def _fan(outline: np.ndarray) -> Blade:
-    """A convex outline (K, 2), counter-clockwise, in triangles from its foot."""
-    corner = np.arange(1, len(outline) - 1)
-    triangles = np.stack([np.zeros_like(corner), corner, corner + 1], axis=1)
-    return Blade(np.column_stack([outline, np.zeros(len(outline))]), triangles.astype(np.int32))
-
-
 def _toothed(outline: Outline, teeth: int, deep: float) -> Outline:
     """An outline with teeth that point to the tip."""
     x, y = outline.T
@@ -475,7 +471,7 @@ def leaf_blade(leaf: Leaf, tolerance: float) -> Blade:
     tolerance : of the tree's mesh, metres; below a millimetre the blade has all its facets.
     """
     if leaf.shape not in HALVES:
-        return SHAPES[leaf.shape]()
+        return SHAPES[leaf.shape]
     light, fine = HALVES[leaf.shape]
     hub = leaf.shape == "palmate"
     full = _blade(fine, np.array([0.25]) if hub else FINE_RIBS, leaf)
@@ -567,21 +563,34 @@ def set_leaves(
     blade = draw_normal(leaf.length, keys, "leaf length")
     width = blade * draw_normal(leaf.width_ratio, keys, "leaf width")
     length = blade * (1 + stalk_of(leaf))
-    return LeafSites(foot, direction, skyward(direction), length, width, segment)
+    up = -direction[:, 2:] * direction  # as far up as the direction allows
+    up[:, 2] += 1.0
+    up[np.abs(direction[:, 2]) > 1 - 1e-12] = (1.0, 0.0, 0.0)
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    return LeafSites(foot, direction, up, length, width, segment)
+
+
+def leaves_on_nodes(
+    leaf: Leaf, keys: np.ndarray, foot: np.ndarray, heading: np.ndarray, segment: np.ndarray
+) -> LeafSites:
+    """Leaves at the nodes of T twigs, ``leaf.per_node`` at each, turned from node to node by the fan angle.
+
+    keys : (T,) lineage of the twigs. foot, heading : (T, leaf.nodes, 3) of nodes. segment : (T,) what bears
+    them.
+    """
+    each = leaf.nodes * leaf.per_node
+    number = np.tile(np.arange(each), len(keys))
+    node, side = np.divmod(number, leaf.per_node)
+    foot, heading = (np.repeat(v.reshape(-1, 3), leaf.per_node, axis=0) for v in (foot, heading))
+    azimuth = 2 * np.pi * side / leaf.per_node + np.deg2rad(leaf.fan_deg) * node
+    keys = child_keys(np.repeat(keys, each), number)
+    bearer = np.repeat(segment, each)
+    return set_leaves(leaf, keys, foot, heading, across(heading), azimuth, bearer)
 
 
 def stalk_of(leaf: Leaf) -> float:
     """Length of a leaf's stalk over its blade's; 0 of shapes that have none."""
     return leaf.petiole if leaf.shape in HALVES and not leaf.mesh else 0.0
-
-
-def skyward(direction: np.ndarray) -> np.ndarray:
-    """(L, 3) unit vectors at right angles to unit directions, as far up as these allow."""
-    up = -direction[:, 2:] * direction
-    up[:, 2] += 1.0
-    vertical = np.abs(direction[:, 2]) > 1 - 1e-12
-    up[vertical] = (1.0, 0.0, 0.0)
-    return np.asarray(up / np.linalg.norm(up, axis=1, keepdims=True))
 
 
 def across(heading: np.ndarray) -> np.ndarray:

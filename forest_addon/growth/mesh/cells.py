@@ -32,36 +32,22 @@ class CellAreas:
     area: np.ndarray
 
 
-def triangle_areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(T,) areas of triangles (T, 3) between vertices (V, 3)."""
-    a, b, c = np.ascontiguousarray(triangles.T)
-    x, y, z = (
-        (column[b] - column[a], column[c] - column[a])
-        for column in np.ascontiguousarray(vertices.T)
-    )
-    square = np.zeros(len(triangles))
-    for one, two in ((y, z), (z, x), (x, y)):
-        square += (one[0] * two[1] - one[1] * two[0]) ** 2
-    return np.asarray(0.5 * np.sqrt(square))
-
-
 def areas_by_cell(
     vertices: np.ndarray,
     triangles: np.ndarray,
     part: np.ndarray,
     parts: int,
     edge: float,
-    area: np.ndarray | None = None,
+    area: np.ndarray,
 ) -> CellAreas:
     """Areas by cell of a mesh.
 
     vertices : (V, 3) metres. triangles : (T, 3). part : (T,) number of the part that each is of, below
     ``parts``.
-    edge : of a cell, metres. area : (T,) of the triangles, where that is known.
+    edge : of a cell, metres. area : (T,) of the triangles.
     """
     if not len(triangles):
         return CellAreas(np.empty((0, 3), np.int64), np.empty((0, parts)))
-    area = triangle_areas(vertices, triangles) if area is None else area
     place = np.ascontiguousarray(
         (vertices / edge).T
     )  # in edges: walls are whole numbers, which are exact

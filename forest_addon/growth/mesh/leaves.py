@@ -264,9 +264,7 @@ def incline_leaves(
     foot : (L, 3) where each leaf hangs. No two leaves share a vertex, and none with the wood.
     """
     turn = turns(leaves.normal, leaves.axis, wanted)
-    of_vertex = np.full(len(mesh.vertices), -1)
-    of_leaf = mesh.leaf >= 0
-    of_vertex[mesh.triangles[of_leaf]] = mesh.leaf[of_leaf][:, None]
+    of_vertex = corner_leaves(mesh)
     moved = np.flatnonzero(of_vertex >= 0)
     leaf = of_vertex[moved]
     vertices = mesh.vertices.copy()
@@ -351,9 +349,16 @@ class CopyStock:
         corners += moved.take(of_triangle)[:, None]
         of_corner += edge_moved.astype(np.int32).take(of_triangle)[:, None]
         ends += moved.take(of_edge)[:, None]
-        mesh = TriMesh.of_part(np.empty((0, 3)), corners, self.part)
-        mesh.material[:] = self.material
+        mesh = TriMesh.of_part(np.empty((0, 3)), corners, self.part, material=self.material)
         return replace(mesh, edges=Edges(ends, of_corner)), vertex, of_vertex, of_triangle
+
+
+def corner_leaves(mesh: TriMesh) -> np.ndarray:
+    """(V,) int32 the leaf that each vertex is of, -1 where it is of none."""
+    leaf = np.full(len(mesh.vertices), -1, np.int32)
+    rows = mesh.leaf >= 0
+    leaf[mesh.triangles[rows]] = mesh.leaf[rows][:, None]
+    return leaf
 
 
 def leaves_apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
@@ -362,8 +367,7 @@ def leaves_apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
     """
     is_leaf = mesh.leaf >= 0
     leaves = mesh.select(is_leaf)
-    leaf_of_vertex = np.zeros(len(leaves.vertices), dtype=np.int64)
-    leaf_of_vertex[leaves.triangles] = leaves.leaf[:, None]
+    leaf_of_vertex = corner_leaves(leaves).astype(np.int64)
     by_leaf = np.argsort(leaf_of_vertex, kind="stable")
     number = np.empty_like(by_leaf)
     number[by_leaf] = np.arange(len(by_leaf))

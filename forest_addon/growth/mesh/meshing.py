@@ -25,17 +25,16 @@ way up. The foot of a stem runs out into roots. Every ring keeps its area: its r
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...base.rng import stream
-from ...base.runs import numbered
+from ...base.runs import along_lines, numbered
 from ...base.trimesh import WOOD, Edges, TriMesh
 from ...base.vectors import cross_rows
 from ..draw import GOLDEN
-from ..skeleton import TOUCH, Skeleton, find_axes
+from ..skeleton import TOUCH, Axes, Skeleton, find_axes
 
 MITRE = 2.0  # a ring is stretched no further at a bend: 120°
 TURNED_BACK = 0.1  # cosine of half a bend beyond which a line counts as turned back on itself
@@ -122,12 +121,9 @@ def lines_of(
     skeleton: Skeleton,
     tolerance: float,
     sunk: float,
-    corners: Callable[[np.ndarray], np.ndarray] | None = None,
+    relief: Relief | None = None,
 ) -> Line:
-    """Nodes of every axis that has a length and a radius, polygons of fewest corners first.
-
-    corners : how many rings of radii (A,) have at least.
-    """
+    """Nodes of every axis that has a length and a radius, polygons of fewest corners first."""
     axes = find_axes(skeleton)
     span = skeleton.end - skeleton.start
     length = np.sqrt(np.einsum("si,si->s", span, span))
@@ -140,8 +136,8 @@ def lines_of(
     segment, axis = axes.segment[kept], axis[kept]
 
     sides = sides_of(thick, tolerance)
-    if corners is not None:
-        sides = np.maximum(sides, corners(thick))
+    if relief is not None:
+        sides = np.maximum(sides, relief.corners(thick))
     size = np.bincount(axis, minlength=len(axes))
     rank = np.argsort(sides, kind="stable")
     rank = rank[size[rank] > 0]
@@ -151,7 +147,7 @@ def lines_of(
 
     foot = np.cumsum(size) - size
     inner, inner_point, inner_radius = _inner(
-        skeleton, length, segment[foot], axes.segment, sunk, tolerance
+        skeleton, length, segment[foot], axes, sunk, tolerance
     )
     first = np.concatenate([[0], np.cumsum(size + 1 + inner)])
     head = first[:-1] + inner  # the node where the axis itself starts
@@ -171,13 +167,13 @@ def _inner(
     skeleton: Skeleton,
     length: np.ndarray,
     foot: np.ndarray,
-    chain: np.ndarray,
+    axes: Axes,
     sunk: float,
     tolerance: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tell whether each axis (A,) starts a ring earlier, where, and how wide it may be there.
 
-    foot : (A,) first segment of each axis. chain : (S,) all segments, axis by axis.
+    foot : (A,) first segment of each axis.
     """
     parent = np.maximum(skeleton.parent[foot], 0)
     root = skeleton.parent[foot] < 0
@@ -186,17 +182,7 @@ def _inner(
     long = np.where(root, length[foot], length[parent])
 
     at_end = np.abs(skeleton.start[foot] - skeleton.end[parent]).max(axis=1, initial=0.0) <= TOUCH
-    order_after = np.full(len(chain), -1, dtype=np.int64)
-    order_after[chain[:-1]] = chain[1:]
-    onward = order_after[
-        parent
-    ]  # the next in the chain continues the parent if it is a child of it
-    continued = (
-        (onward >= 0)
-        & (skeleton.parent[onward] == parent)
-        & (skeleton.order[onward] == skeleton.order[parent])
-        & (np.abs(skeleton.start[onward] - skeleton.end[parent]).max(axis=1, initial=0.0) <= TOUCH)
-    )
+    continued = axes.onward[parent] >= 0
     there = skeleton.radius[parent, 1]
     own = skeleton.radius[foot, 0]
     forks = ~root & at_end & (long > SHORTEST) & (~continued | (own > 0.9 * there))
@@ -553,18 +539,10 @@ def tube(points: np.ndarray, radius: np.ndarray, sides: int) -> tuple[np.ndarray
     )
     vertices = np.concatenate([ring_points.reshape(-1, 3), points[:1], points[-1:]])
 
-    corner = np.arange(sides)
-    following = (corner + 1) % sides
-    low = (np.arange(count - 1) * sides)[:, None]
-    a, b, c, d = low + corner, low + following, low + sides + following, low + sides + corner
-    walls = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
-    foot, tip = count * sides, count * sides + 1
-    last = (count - 1) * sides
-    caps = [
-        np.stack([np.full(sides, foot), following, corner], axis=1),
-        np.stack([np.full(sides, tip), last + corner, last + following], axis=1),
-    ]
-    return vertices, np.concatenate([walls, *caps]).astype(np.int32)
+    triangles = np.empty((2 * sides * count, 3), dtype=np.int32)
+    rings = np.arange(count)
+    _triangulate(triangles, sides, 0, rings[:-1], rings[:1], rings[-1:], count * sides)
+    return vertices, triangles
 
 
 def _across(direction: np.ndarray) -> np.ndarray:
@@ -578,7 +556,6 @@ def mesh_wood(
     tolerance: float = 0.001,
     *,
     sunk: float = 0.0,
-    uv: bool = True,
     relief: Relief | None = None,
 ) -> TriMesh:
     """The wood of a skeleton: closed tubes, facing outwards, in material slot 0.
@@ -586,16 +563,13 @@ def mesh_wood(
     tolerance : metres between a ring and its circle, and between the tube and an axis whose nodes are
         so nearly in line that they are left out.
     sunk : metres that a root goes on below its start, so that no gap shows at the ground.
-    uv : also make texture coordinates: u whole turns of about a metre around, v metres from the foot.
     relief : of the bark of thick axes; None: rings are round.
 
-    Branches without a radius have no mesh. ``order`` of the result is that of each triangle's axis.
+    Branches without a radius have no mesh. ``order`` of the result is that of each triangle's axis, and of
+    texture coordinates u counts turns of about a metre around, v metres from the foot.
     """
-    corners = None if relief is None else relief.corners
-    line = thin_nodes(lines_of(skeleton, tolerance, sunk, corners), tolerance)
-    if relief is not None:
-        line = relief.densified(line)
-    return _tubes(line, uv, relief)
+    line = thin_nodes(lines_of(skeleton, tolerance, sunk, relief), tolerance)
+    return _tubes(line if relief is None else relief.densified(line), relief)
 
 
 @dataclass(frozen=True)
@@ -628,10 +602,11 @@ def _rings(line: Line) -> _Rings:
     plane = np.concatenate(
         [line.point[node], across[node] * widened[:, None], beside[node] * widened[:, None]], axis=1
     )
-    return _Rings(plane, first, axis, wall, _along(line)[node], radius)
+    metres = along_lines(line.point, line.first)[node]
+    return _Rings(plane, first, axis, wall, metres, radius)
 
 
-def _tubes(line: Line, with_uv: bool, relief: Relief | None = None) -> TriMesh:
+def _tubes(line: Line, relief: Relief | None) -> TriMesh:
     """Rings around nodes, walls between rings, a fan at each end."""
     sides, last = line.sides, line.first[1:] - 1
     rings = _rings(line)
@@ -640,11 +615,9 @@ def _tubes(line: Line, with_uv: bool, relief: Relief | None = None) -> TriMesh:
     count = int((2 * around[rings.wall]).sum() + 2 * sides.sum())
     triangles = np.empty((count, 3), dtype=np.int32)
     order = np.empty(count, dtype=np.int8)
-    texture = np.empty((count, 3, 2), dtype=np.float32) if with_uv else None
-    turns = np.empty(0)
-    if with_uv and len(sides):
-        thick = np.maximum.reduceat(line.above, line.first[:-1])
-        turns = np.maximum(np.rint(2 * np.pi * thick), 1.0)
+    texture = np.empty((count, 3, 2), dtype=np.float32)
+    thick = np.maximum.reduceat(line.above, line.first[:-1]) if len(sides) else np.empty(0)
+    turns = np.maximum(np.rint(2 * np.pi * thick), 1.0)
 
     known = []
     v = t = 0
@@ -672,13 +645,12 @@ def _tubes(line: Line, with_uv: bool, relief: Relief | None = None) -> TriMesh:
         own = line.order[a:b]
         order[t : t + 2 * n * len(wall)] = np.repeat(own[rings.axis[low:high][wall] - a], 2 * n)
         order[t + 2 * n * len(wall) : stop] = np.tile(np.repeat(own, n), 2)
-        if texture is not None:
-            metres, turn = rings.metres[low:high], turns[rings.axis[low:high][wall]]
-            above = np.minimum(wall + 1, size - 1)
-            _texture(
-                *(texture[t:stop], n, turn, metres[wall], metres[above]),
-                *(turns[a:b], metres[feet], metres[tips]),
-            )
+        metres, turn = rings.metres[low:high], turns[rings.axis[low:high][wall]]
+        above = np.minimum(wall + 1, size - 1)
+        _texture(
+            *(texture[t:stop], n, turn, metres[wall], metres[above]),
+            *(turns[a:b], metres[feet], metres[tips]),
+        )
         v, t = middle + 2 * tubes, stop
 
     return TriMesh(
@@ -774,12 +746,3 @@ def _texture(
     ):
         ends[end, ..., 0] = turns[:, None, None] * fan
         ends[end, ..., 1] = height[:, None, None]
-
-
-def _along(line: Line) -> np.ndarray:
-    """(N,) metres along its axis from the foot to each node."""
-    step = np.zeros(len(line.point))
-    step[1:] = np.linalg.norm(np.diff(line.point, axis=0), axis=1)
-    step[line.first[:-1]] = 0.0
-    total = np.cumsum(step)
-    return np.asarray(total - np.repeat(total[line.first[:-1]], np.diff(line.first)))

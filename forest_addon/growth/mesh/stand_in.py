@@ -55,22 +55,10 @@ def stand_in(mesh: TriMesh, skeleton: Skeleton, level: Level = LEVELS[0]) -> Tri
     """The few triangles of a level, with the parts and material slots of trees; none of a tree without
     height."""
     if not len(mesh.vertices) or not mesh.vertices[:, 2].max() > 0:
-        return _of(np.empty((0, 3)), np.empty((0, 3), np.int32), WOOD)
-    wood = [_of(*tube_, WOOD) for tube_ in _wood(skeleton, level)]
-    if not wood:
-        wood = [_of(*_pole(mesh, *level.trunk), WOOD)]
-    return join([*wood, _of(*_cards(mesh, level.cards), LEAF)])
-
-
-def _of(vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
-    count = len(triangles)
-    return TriMesh(
-        vertices=vertices,
-        triangles=triangles.astype(np.int32).reshape(-1, 3),
-        part=np.full(count, part, np.int8),
-        leaf=np.full(count, -1, np.int32),
-        material=np.full(count, int(part == LEAF), np.int32),
-    )
+        return TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), WOOD)
+    tubes = _wood(skeleton, level) or [_pole(mesh, *level.trunk)]
+    wood = [TriMesh.of_part(*one, WOOD) for one in tubes]
+    return join([*wood, TriMesh.of_part(*_cards(mesh, level.cards), LEAF, material=1)])
 
 
 def _wood(skeleton: Skeleton, level: Level) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -22,10 +22,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...base.rows import lengths
+from ...base.rows import RowTable, lengths
 from ...base.runs import Runs, bounds, numbered
 from ...base.trimesh import LEAF, WOOD, TriMesh
-from ...base.vectors import azimuth_of, column, cross_rows, nearest_on_triangles
+from ...base.vectors import (
+    azimuth_of,
+    column,
+    cross_rows,
+    nearest_on_triangles,
+    winding_number,
+)
 from ..mesh.leaves import CopyStock, Leaves, measure_leaves
 from ..mesh.meshing import tube
 from ..skeleton import depths
@@ -336,7 +342,7 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
 
 
 @dataclass(frozen=True, eq=False)
-class _Mesh:
+class _Mesh(RowTable):
     """The mesh of the wood, sorted by piece: places, pieces, triangles, where vertices are on lines, and
     whether they are of their piece's lowest ring.
     """
@@ -493,14 +499,13 @@ def _bridge(
             )
         )
         base += len(place)
-    joined = (np.concatenate([getattr(one, name) for one in parts]) for name in vars(mesh))
-    place, owner, triangles, stretch, part, ring = joined
-    order = np.argsort(owner, kind="stable")
-    renamed = np.empty(len(order), np.int64)
-    renamed[order] = np.arange(len(order))
-    sorted_ones = np.argsort(owner[triangles[:, 0]], kind="stable")
-    triangles = renamed[triangles[sorted_ones]]
-    whole = _Mesh(place[order], owner[order], triangles, stretch[order], part[order], ring[order])
+    whole = _Mesh.joined(parts)
+    order = np.argsort(whole.owner, kind="stable")
+    renamed = np.argsort(order)
+    by_piece = np.argsort(whole.owner[whole.triangles[:, 0]], kind="stable")
+    triangles = renamed[whole.triangles[by_piece]]
+    names = ("place", "owner", "stretch", "part", "ring")
+    whole = _Mesh(**{name: getattr(whole, name)[order] for name in names}, triangles=triangles)
     return extended, np.insert(direction, first, ahead, axis=0), whole, off
 
 
@@ -521,8 +526,7 @@ def _foliage(found: Recognition, lines: Lines, origin: np.ndarray, metres: float
     triangle_order = np.argsort(leaf_of_triangle, kind="stable")
     triangles = renamed[found.leaves.triangles[triangle_order]]
     place, leaf_of_vertex = place[vertex_order], leaf_of_vertex[vertex_order]
-    mesh = TriMesh.of_part(place, triangles, LEAF)
-    mesh.leaf[:] = leaf_of_triangle[triangle_order]
+    mesh = TriMesh.of_part(place, triangles, LEAF, leaf_of_triangle[triangle_order])
     truth = measure_leaves(mesh, np.full(count, -1))
 
     ends = renamed[found.leaves.edges] if count else np.empty((0, 2), np.int64)
@@ -566,21 +570,5 @@ def _feet(
 def _gaps(lines: Lines, line: np.ndarray, point: np.ndarray) -> np.ndarray:
     """(N,) how far points (N, 3) are off the surface of their line, 0 within."""
     stretch, part = nearest(lines, line, point)
-    part = np.clip(part, 0.0, 1.0)
-    knot = lines.first[line] + stretch + line
-    start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
-    radius = lines.radius[knot] + part * (lines.radius[knot + 1] - lines.radius[knot])
-    return np.maximum(lengths(point - start - part[:, None] * way) - radius, 0.0)
-
-
-def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
-    """Times that triangles (T, 3, 3) go round a point (3,): 1 inside a closed mesh, 0 outside.
-
-    Solid angles by Van Oosterom & Strackee 1983.
-    """
-    a, b, c = (corners[:, k] - point for k in range(3))
-    la, lb, lc = lengths(a), lengths(b), lengths(c)
-    above = np.einsum("ti,ti->t", a, cross_rows(b, c))
-    ab, bc, ca = (np.einsum("ti,ti->t", *pair) for pair in ((a, b), (b, c), (c, a)))
-    below = la * lb * lc + ab * lc + bc * la + ca * lb
-    return abs(float(np.arctan2(above, below).sum())) / (2 * np.pi)
+    place, radius = lines.at(line, stretch, np.clip(part, 0.0, 1.0))
+    return np.maximum(lengths(point - place) - radius, 0.0)

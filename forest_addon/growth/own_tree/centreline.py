@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from ...base.rows import lengths
-from ...base.runs import Runs, bounds, numbered, sums
+from ...base.runs import Runs, along_lines, bounds, numbered, sums
 from .pieces import Pieces
 
 STRETCH = 4.0  # mean radii from knot to knot
@@ -102,28 +102,23 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
     share = _share(along, owner, count)
     knot_radius = _average(samples, lengths(outward)[:, None], share, first)[:, 0]
     end_radius = _end_radii(first, knot_radius, pieces, along, outward)
-    return Centrelines(knot, knot_radius, _gone(knot, first), first, end_radius, outward)
-
-
-def _gone(knot: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """(K,) how far along its line each knot is."""
-    step = np.linalg.norm(np.diff(knot, axis=0, prepend=knot[:1]), axis=1)
-    step[first[:-1]] = 0.0
-    total = np.cumsum(step)
-    return np.asarray(total - np.repeat(total[first[:-1]], np.diff(first)))
+    return Centrelines(knot, knot_radius, along_lines(knot, first), first, end_radius, outward)
 
 
 def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
     """(V,) distance along edges from one end of each vertex's piece; (C,) length of the pieces."""
-    vertices = pieces.vertices
-    distance = lengths(vertices - pieces.middles()[pieces.piece_of_vertex])
-    one, other = pieces.edges.T
-    edge_length = lengths(vertices[one] - vertices[other])
-    graph = csr_matrix((edge_length, (one, other)), shape=(len(vertices), len(vertices)))
+    distance = lengths(pieces.vertices - pieces.middles()[pieces.piece_of_vertex])
     for _ in range(2):  # from the vertex farthest from the middle to one end, then to the other
-        farthest = pieces.largest(distance)
-        distance = dijkstra(graph, directed=False, indices=farthest, min_only=True)
+        distance = distance_from(pieces, pieces.largest(distance))
     return distance, distance[pieces.largest(distance)]
+
+
+def distance_from(pieces: Pieces, roots: np.ndarray) -> np.ndarray:
+    """(V,) distance along edges from the nearest of the root vertices."""
+    one, other = pieces.edges.T
+    length = np.maximum(lengths(pieces.vertices[one] - pieces.vertices[other]), 1e-300)
+    graph = csr_matrix((length, (one, other)), shape=(len(pieces.vertices),) * 2)
+    return np.asarray(dijkstra(graph, directed=False, indices=roots, min_only=True))
 
 
 def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
@@ -199,7 +194,7 @@ def _project(
     share : where each point is now; its stretch and the two beside it are tried. A line goes straight
     on beyond its ends.
     """
-    gone = _gone(knot, first)
+    gone = along_lines(knot, first)
     stretches = (np.diff(first) - 1)[piece]
     now = np.minimum((share * stretches).astype(np.int64), stretches - 1)
     direction = np.diff(knot, axis=0)
@@ -236,7 +231,7 @@ def _close_ends(
     along: np.ndarray,
 ) -> np.ndarray:
     """(K, 3) knots of lines that reach to where the surface ends, in its middle there."""
-    gone, knot = _gone(knot, first), knot.copy()
+    gone, knot = along_lines(knot, first), knot.copy()
     owner, number = np.repeat(np.arange(pieces.count), np.diff(first)), np.arange(len(knot))
     ends = first[:-1], first[1:] - 1
     for end, (at, other) in enumerate((ends, ends[::-1])):

@@ -35,6 +35,7 @@ from scipy.spatial import cKDTree
 from ...base.rows import distinct, lengths
 from ...base.runs import sums
 from ...base.trimesh import WOOD, TriMesh
+from ...base.vectors import cross_rows
 
 WELD = 1e-6  # share of the extent: nearer vertices are one, lower facets have no area
 CELLS = 2**21 - 1  # along the extent, in which vertices are first gathered: 21 bits an axis
@@ -292,11 +293,7 @@ def _is_needle(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     if not len(triangles):
         return np.zeros(0, dtype=bool)
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    ux, uy, uz = (b - a).T
-    vx, vy, vz = (c - a).T
-    twice_area = np.sqrt(
-        (uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2
-    )
+    twice_area = lengths(cross_rows(b - a, c - a))
     longest = np.maximum(np.maximum(lengths(b - a), lengths(c - b)), lengths(a - c))
     extent = float(np.ptp(vertices, axis=0).max())
     return np.asarray(twice_area <= WELD * extent * longest)

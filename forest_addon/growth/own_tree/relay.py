@@ -44,15 +44,6 @@ SUNK = 0.1  # of the way from bark to axis, that corners are moved in
 
 
 @dataclass(frozen=True)
-class Outline:
-    """A tree as its wood in segments, the truth of its leaves, and its height in metres."""
-
-    skeleton: Skeleton
-    leaves: Leaves
-    height: float
-
-
-@dataclass(frozen=True)
 class HungLeaves:
     """L leaves of a tree: leaf of the template, branch, seat on it, size, turn about the branch."""
 
@@ -119,30 +110,24 @@ def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
     matrix = (lines.frame * np.stack(scales, axis=1)[:, None]) @ np.swapaxes(
         anatomy.lines.frame[grown.source], 1, 2
     )
-    matrix = matrix.reshape(-1, 9)
     after = np.minimum(np.arange(len(matrix)) + 1, (lines.first[1:] - 1)[lines.line])
-    matrix, onward, start, way = (
-        np.ascontiguousarray(held.T) for held in (matrix, matrix[after] - matrix, start, way)
-    )
+    onward = matrix[after] - matrix
     place = np.empty((len(vertex), 3))
     for begin in range(0, len(vertex), BLOCK):
         rows = slice(begin, begin + BLOCK)
         of, first = vertex[rows], lines.first[owner[rows]]
         on, bone = first + wood.stretch[of], first + wood.bone[of]
-        offset = np.ascontiguousarray(wood.stock.place[of].T)
-        part, weight = wood.part[of], wood.weight[of]
-        for axis in range(3):  # by column, for speed
-            total = way[axis][on]
-            total *= part
-            total += start[axis][on]
-            for k, value in enumerate(offset):
-                held = onward[3 * axis + k][bone]
-                held *= weight
-                held += matrix[3 * axis + k][bone]
-                held *= value
-                total += held
-            place[rows, axis] = total
+        turn = onward[bone] * wood.weight[of, None, None] + matrix[bone]
+        foot = way[on] * wood.part[of, None] + start[on]
+        place[rows] = _turned_about(foot, turn, wood.stock.place[of])
     return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
+
+
+def _turned_about(foot: np.ndarray, turn: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """Feet (N, 3), and offsets (N, 3) from them turned and scaled by (N, 3, 3), column after column."""
+    for k in range(3):
+        foot = foot + turn[:, :, k] * offset[:, k, None]
+    return foot
 
 
 def _carried_in(anatomy: Anatomy, grown: Grown, wood: TriMesh) -> tuple[TriMesh, np.ndarray]:
@@ -189,14 +174,14 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     return HungLeaves(row, branch, seat, share, size, turn)
 
 
-def outline_of(anatomy: Anatomy, grown: Grown, variety: float) -> Outline:
-    """A tree without its mesh: all that a portrait is drawn from."""
+def outline_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[Skeleton, Leaves, float]:
+    """A tree without its mesh: its wood in segments, the truth of its leaves, and its height in metres."""
     hung = hang_leaves(anatomy, grown, variety)
     foot, matrix = feet_of_leaves(anatomy, grown, hung, variety > 0)
     truth = _truth(anatomy, grown, hung, foot, matrix * hung.size[:, None, None])
     highest = grown.lines.knot[:, 2].max(initial=0.0)
     highest = max(highest, (truth.centre[:, 2]).max(initial=0.0))
-    return Outline(skeleton_of_grown(grown), truth, float(highest))
+    return skeleton_of_grown(grown), truth, float(highest)
 
 
 def _leaves(
@@ -210,7 +195,7 @@ def _leaves(
     mesh.leaf[:] = of_triangle
     mesh = replace(
         mesh,
-        vertices=_hung(matrix, foot, leaf, foliage.stock.place[vertex]),
+        vertices=_turned_about(foot[leaf], matrix[leaf], foliage.stock.place[vertex]),
         order=grown.order.astype(np.int8)[branch][of_triangle],
     )
     return mesh, _truth(anatomy, grown, hung, foot, matrix), foot
@@ -234,17 +219,6 @@ def _truth(
         radius=own.radius[source] * hung.size,
         branch=first_level[hung.branch].astype(np.int32),
     )
-
-
-def _hung(matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(V, 3) corners of leaves, turned as their leaf is and moved to its foot."""
-    moved = np.empty_like(place)
-    for axis in range(3):
-        total = np.ascontiguousarray(foot[:, axis])[leaf]
-        for k, value in enumerate(np.ascontiguousarray(place.T)):
-            total += np.ascontiguousarray(matrix[:, axis, k])[leaf] * value
-        moved[:, axis] = total
-    return moved
 
 
 def feet_of_leaves(
@@ -418,11 +392,8 @@ def _hung_texts(anatomy: Anatomy, grown: Grown, variety: float) -> Iterator[tupl
     up = np.einsum("nij,nj->ni", matrix, own.normal[hung.source])
     frame = np.stack([np.cross(up, heading), up, heading], axis=2)
     line = hung.branch
-    bearer = grown.lines.frame[grown.lines.first[line] + hung.seat.stretch]
-    knot = grown.lines.first[line] + hung.seat.stretch + line
-    start, end = grown.lines.knot[knot], grown.lines.knot[knot + 1]
-    off = foot - start - hung.seat.part[:, None] * (end - start)
-    off = np.einsum("nij,ni->nj", bearer, off)
+    place, bearer, _ = stand_on(grown.lines, line, hung.seat)
+    off = np.einsum("nij,ni->nj", bearer, foot - place)
     for row in range(len(line)):
         size = f"~({own.length[hung.source[row]] * hung.size[row]:.6g},"
         size += f"{own.width[hung.source[row]] * hung.size[row]:.6g})"

@@ -22,14 +22,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from ...base.rows import RowTable
 from ...base.runs import Runs, firsts, numbered, sums
 from ..skeleton import root_of
-from .centreline import Centrelines
+from .centreline import Centrelines, distance_from
 from .pieces import Pieces, assemble, half_edges, join_along, join_pieces, loose_edges_of, select
 
 FINEST = 3000  # bands at most along the largest piece's extent
@@ -64,15 +62,6 @@ class Slices:
     spread: np.ndarray
     weight: np.ndarray
     width: float
-
-
-def distance_from(pieces: Pieces, roots: np.ndarray) -> np.ndarray:
-    """(V,) distance along edges from the nearest of the root vertices."""
-    one, other = pieces.edges.T
-    length = np.linalg.norm(pieces.vertices[one] - pieces.vertices[other], axis=1)
-    count = len(pieces.vertices)
-    graph = csr_matrix((np.maximum(length, 1e-300), (one, other)), shape=(count, count))
-    return np.asarray(dijkstra(graph, directed=False, indices=roots, min_only=True))
 
 
 def band_width(pieces: Pieces) -> float:

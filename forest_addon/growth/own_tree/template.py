@@ -10,7 +10,7 @@ branch; leaves move with it but keep their own size, because a longer branch bea
 What hard cases come to: two leaves that touch at a point stay two, two that share an edge are one; a
 leaf drawn from both sides is one leaf; leaves may touch wood, as they come as facets of their own; shoots
 on the trunk shorter than a twentieth of its longest branch, which a grammar would blow up to branches, and
-roots are counted and left out; a piece of wood that is modelled inside out is turned.
+roots are left out; a piece of wood that is modelled inside out is turned.
 
 ``fit_grammar`` fits the grammar to a tree, so that what grows from it has its habit: the trunk's first
 internode is the trunk below the lowest branch, the contraction along the trunk makes up its length, and
@@ -22,7 +22,9 @@ at the tip.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,9 +36,10 @@ from ...base.runs import numbered
 from ...base.trimesh import LEAF, WOOD, TriMesh, join
 from ...spec import Grammar, Jitter, Leaf
 from ..lsystem.branching import interpret, string_of
-from ..mesh.blades import Blade, across, lay, set_leaves
+from ..mesh.blades import Blade, lay, leaves_on_nodes
 from ..mesh.leaves import CopyStock, Leaves, about_vertical, leaves_apart, measure_leaves
 from ..mesh.meshing import repeated_edges
+from ..skeleton import branch_feet
 from .centreline import find_contacts
 from .recognise import Recognition, TemplateError, checked_facets, recognise
 
@@ -72,30 +75,37 @@ class BranchTemplate:
     height: float
     angle: float
 
+    @cached_property
+    def apart(self) -> tuple[TriMesh, CopyStock, np.ndarray]:
+        """Its wood, its leaves, each seen from where it hangs, and (L, 3) where that is: the corner or edge
+        middle of a leaf that is nearest to any wood."""
+        wood, leaf_mesh, leaf_of_vertex = leaves_apart(self.mesh)
+        foot = np.zeros((len(self.leaves), 3))
+        if len(foot):
+            corners = leaf_mesh.vertices[leaf_mesh.triangles]
+            places = np.concatenate([corners, (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
+            owner = np.repeat(leaf_mesh.leaf, places.shape[1])
+            places = places.reshape(-1, 3)
+            gap = cKDTree(wood.vertices).query(places)[0]
+            farthest_first = np.argsort(-gap, kind="stable")
+            foot[owner[farthest_first]] = places[farthest_first]
+        hanging = leaf_mesh.vertices - foot[leaf_of_vertex]
+        stock = CopyStock.of(hanging, leaf_of_vertex, leaf_mesh.triangles, LEAF, LEAF_SLOT)
+        return replace(wood, edges=repeated_edges(wood.triangles, 0, 1)), stock, foot
+
 
 @dataclass(frozen=True, eq=False)  # one template is another only if it is the same object
 class TreeTemplate:
     """A tree taken apart.
 
     branches : templates of the first-level branches, from the lowest up.
-    trunk : metres, middle of its foot at the origin, z up.
     trunk_length : metres along its centreline.
     trunk_radius : metres, at the foot.
-    unit : metres in one unit of the facets.
-    wood_components, leaf_count : pieces of wood, trunk and stubs included, and leaves.
-    unattached_leaves : leaves in no template: borne by the trunk or by a stub.
-    stubs : what hangs on the trunk but is no template, because it is too short or a root.
     """
 
     branches: tuple[BranchTemplate, ...]
-    trunk: TriMesh
     trunk_length: float
     trunk_radius: float
-    unit: float
-    wood_components: int
-    leaf_count: int
-    unattached_leaves: int
-    stubs: int
 
 
 def split_tree(
@@ -115,25 +125,13 @@ def split_tree(
     unit = height / tall if height > 0 and tall > 0 else 1.0
     recognition = recognise(wood * unit, None if leaves is None else np.asarray(leaves) * unit)
     timber = TriMesh.of_part(recognition.wood.vertices, turned_outwards(recognition), WOOD)
-    foliage = TriMesh.of_part(recognition.leaves.vertices, recognition.leaves.triangles, LEAF)
-    foliage.leaf[:], foliage.material[:] = recognition.leaves.piece, LEAF_SLOT
-
-    firsts, share, direction, stubs = _first_level(recognition)
-    branches = [
-        _cut(recognition, int(firsts[at]), timber, foliage, float(share[at]), direction[at])
-        for at in range(len(firsts))
-    ]
-    trunk = timber.select(recognition.wood.piece == recognition.trunk)
+    leafy = recognition.leaves
+    foliage = TriMesh.of_part(leafy.vertices, leafy.triangles, LEAF, leafy.piece, LEAF_SLOT)
+    branches = [_cut(recognition, timber, foliage, *place) for place in _first_level(recognition)]
     return TreeTemplate(
         branches=tuple(branches),
-        trunk=replace(trunk, vertices=trunk.vertices - recognition.foot[recognition.trunk]),
         trunk_length=float(recognition.lines.length()[recognition.trunk]),
         trunk_radius=float(recognition.radius[recognition.trunk]),
-        unit=unit,
-        wood_components=recognition.wood.count,
-        leaf_count=recognition.leaves.count,
-        unattached_leaves=recognition.leaves.count - sum(len(branch.leaves) for branch in branches),
-        stubs=stubs,
     )
 
 
@@ -148,9 +146,9 @@ def canonical_frame(axis: np.ndarray) -> np.ndarray:
     return np.stack([axis, side, np.cross(axis, side)])
 
 
-def _first_level(found: Recognition) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """First-level branches from the lowest up: (N,) pieces, (N,) the shares of the trunk's length at
-    which they hang, (N, 3) its direction there; and how many were left out.
+def _first_level(found: Recognition) -> Iterator[tuple[int, float, np.ndarray]]:
+    """First-level branches from the lowest up: the piece, the share of the trunk's length at which it hangs,
+    and the trunk's direction (3,) there.
     """
     firsts = found.firsts
     foot, tip = found.foot[firsts], found.tip[firsts]
@@ -167,14 +165,14 @@ def _first_level(found: Recognition) -> tuple[np.ndarray, np.ndarray, np.ndarray
     length = np.linalg.norm(tip - foot, axis=1)
     kept = ~root & (length >= SHORTEST * length[~root].max())
     order = np.flatnonzero(kept)[np.argsort(share[kept], kind="stable")]
-    return firsts[order], share[order], direction[order], int(np.count_nonzero(~kept))
+    return zip(firsts[order].tolist(), share[order].tolist(), direction[order], strict=True)
 
 
 def _cut(
     found: Recognition,
-    first: int,
     timber: TriMesh,
     foliage: TriMesh,
+    first: int,
     height: float,
     trunk_direction: np.ndarray,
 ) -> BranchTemplate:
@@ -211,17 +209,6 @@ def turned_outwards(found: Recognition) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Scion:
-    """A branch template made ready to graft: wood and leaves apart, every leaf with its foot."""
-
-    wood: TriMesh
-    stock: CopyStock  # the mesh of the leaves, each seen from where it hangs
-    leaf_foot: np.ndarray  # (L, 3) where each leaf hangs, canonical frame
-    leaves: Leaves  # their truth, canonical frame
-    length: float  # metres in the template tree
-
-
-@dataclass(frozen=True)
 class GraftSite:
     """Place of a graft: its foot (3,), unit direction (3,) and length in metres."""
 
@@ -230,31 +217,12 @@ class GraftSite:
     length: float
 
 
-def prepare(template: BranchTemplate) -> Scion:
-    """Take a template apart; a leaf's foot is its corner or edge middle nearest to any wood."""
-    wood, leaf_mesh, leaf_of_vertex = leaves_apart(template.mesh)
-    count = len(template.leaves)
-    foot = np.zeros((count, 3))
-    if count:
-        corners = leaf_mesh.vertices[leaf_mesh.triangles]
-        places = np.concatenate([corners, (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
-        owner = np.repeat(leaf_mesh.leaf, places.shape[1])
-        places = places.reshape(-1, 3)
-        gap = cKDTree(wood.vertices).query(places)[0]
-        farthest_first = np.argsort(-gap, kind="stable")
-        foot[owner[farthest_first]] = places[farthest_first]
-    hanging = leaf_mesh.vertices - foot[leaf_of_vertex]
-    return Scion(
-        wood=replace(wood, edges=repeated_edges(wood.triangles, 0, 1)),
-        stock=CopyStock.of(hanging, leaf_of_vertex, leaf_mesh.triangles, LEAF, LEAF_SLOT),
-        leaf_foot=foot,
-        leaves=template.leaves,
-        length=template.length,
-    )
-
-
 def graft(
-    scion: Scion, site: GraftSite, leaf_spread: float, roll: float, rng: np.random.Generator
+    branch: BranchTemplate,
+    site: GraftSite,
+    leaf_spread: float,
+    roll: float,
+    rng: np.random.Generator,
 ) -> tuple[TriMesh, Leaves, np.ndarray]:
     """The branch at its site, wood and leaves in one mesh with leaf numbers from 0; their truth, and
     (L, 3) where they hang.
@@ -268,8 +236,9 @@ def graft(
     cos, sin = np.cos(roll), np.sin(roll)
     rolled = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
     turn = canonical_frame(site.direction).T @ rolled  # columns: images of X, Y, Z
-    wood = replace(scion.wood, vertices=(scion.wood.vertices * site.length) @ turn.T + site.foot)
-    leaves, truth, foot = _hang_leaves(scion, site.length, leaf_spread, rng)
+    wood = branch.apart[0]
+    wood = replace(wood, vertices=(wood.vertices * site.length) @ turn.T + site.foot)
+    leaves, truth, foot = _hang_leaves(branch, site.length, leaf_spread, rng)
     mesh = join([wood, replace(leaves, vertices=leaves.vertices @ turn.T + site.foot)])
     moved = replace(
         truth,
@@ -281,7 +250,7 @@ def graft(
 
 
 def _hang_leaves(
-    scion: Scion, length: float, spread: float, rng: np.random.Generator
+    branch: BranchTemplate, length: float, spread: float, rng: np.random.Generator
 ) -> tuple[TriMesh, Leaves, np.ndarray]:
     """Leaves of a branch of this length, their truth and feet, in the template's frame but in metres.
 
@@ -289,23 +258,23 @@ def _hang_leaves(
     leaf of the template hangs there not at all, once or several times, each further one turned about
     the vertical at the same foot.
     """
-    count = len(scion.leaf_foot)
-    share = min((length / scion.length) ** 1.5, MOST_LEAVES_A_FOOT)
-    times = np.floor(share + rng.random(count)).astype(int)
+    _, stock, leaf_foot = branch.apart
+    share = min((length / branch.length) ** 1.5, MOST_LEAVES_A_FOOT)
+    times = np.floor(share + rng.random(len(leaf_foot))).astype(int)
     source, rank = numbered(times)  # (L,) leaf of the template, and which copy of it
-    size = scion.length * (1 + spread * truncated_normal(rng, len(source)))
+    size = branch.length * (1 + spread * truncated_normal(rng, len(source)))
     turn = np.where(rank == 0, 0.0, np.pi * rng.uniform(0.4, 1.6, len(source)))
 
-    mesh, vertex, of_vertex, of_triangle = scion.stock.copy(source, np.zeros(len(source), bool))
+    mesh, vertex, of_vertex, of_triangle = stock.copy(source, np.zeros(len(source), bool))
     mesh.leaf[:] = of_triangle
     cos, sin = np.cos(turn), np.sin(turn)
-    blade = scion.stock.place.take(vertex, axis=0)
+    blade = stock.place.take(vertex, axis=0)
     turned = about_vertical(blade, cos.take(of_vertex), sin.take(of_vertex))
     turned *= size.take(of_vertex)[:, None]
-    foot = scion.leaf_foot[source] * length
+    foot = leaf_foot[source] * length
     turned += foot.take(of_vertex, axis=0)
-    own = scion.leaves
-    middle = about_vertical(own.centre[source] - scion.leaf_foot[source], cos, sin)
+    own = branch.leaves
+    middle = about_vertical(own.centre[source] - leaf_foot[source], cos, sin)
     truth = Leaves(
         centre=foot + middle * size[:, None],
         normal=about_vertical(own.normal[source], cos, sin),
@@ -337,9 +306,8 @@ def fit_grammar(template: TreeTemplate) -> Grammar:
         ),
     )
     skeleton = interpret(string_of(grammar), grammar, STILL, stream(0, "habit"))
-    above = np.maximum(skeleton.parent, 0)
-    axes = np.flatnonzero((skeleton.order == 1) & (skeleton.order[above] == 0))
-    reach = float(np.mean([skeleton.length[skeleton.axis(int(axis))].sum() for axis in axes]))
+    axes = branch_feet(skeleton).tolist()
+    reach = float(np.mean([skeleton.length[skeleton.axis(axis)].sum() for axis in axes]))
     wanted = float(np.mean([b.length for b in branches]))
     ratio = float(np.clip(wanted / reach, 0.01, 2.0))
     fitted = replace(grammar, side_ratio=ratio)
@@ -388,13 +356,6 @@ def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray
         heading = step[of_step] * (-1.0 if backwards else 1.0)
         headings.append(heading / np.linalg.norm(heading, axis=1, keepdims=True))
 
-    each = leaf.nodes * leaf.per_node
-    node, rank = np.divmod(np.tile(np.arange(each), len(twigs)), leaf.per_node)
-    rows = np.repeat(np.arange(len(twigs) * leaf.nodes), leaf.per_node)
-    foot, heading = np.concatenate(feet)[rows] * unit, np.concatenate(headings)[rows]
-    azimuth = 2 * np.pi * rank / leaf.per_node + np.deg2rad(leaf.fan_deg) * node
-    keys = child_keys(np.full(len(rows), KEY, np.uint64), np.repeat(twigs, each))
-    keys = child_keys(keys, np.tile(np.arange(each), len(twigs)))
-    sites = set_leaves(leaf, keys, foot, heading, across(heading), azimuth, np.repeat(twigs, each))
-    mesh = lay(sites, blade)
+    keys = child_keys(np.full(len(twigs), KEY, np.uint64), twigs)
+    mesh = lay(leaves_on_nodes(leaf, keys, np.array(feet) * unit, np.array(headings), twigs), blade)
     return mesh.vertices[mesh.triangles] / unit

@@ -39,8 +39,9 @@ import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import eigsh
 
+from ...base.vectors import beside_segments
 from ...spec import Species
-from ..skeleton import Skeleton
+from ..skeleton import Skeleton, frustums
 
 DRY = 0.4  # dry mass of leaves over the fresh one
 BROAD_LEAF, NEEDLE = 0.053, 0.22  # kg/m² dry, by one-sided area
@@ -176,6 +177,11 @@ class Members:
         return len(self.start)
 
     @property
+    def length(self) -> np.ndarray:
+        """(B,) metres."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+    @property
     def nodes(self) -> np.ndarray:
         """(B + 1, 3) places of the nodes, metres."""
         return np.concatenate([self.start[:1], self.end])
@@ -204,7 +210,12 @@ def members_of(skeleton: Skeleton, most: int = MOST) -> Members:
             bearer[b] = bearer[above[b]] if above[b] >= 0 else 0
     own = bearer[member]
     start, end = skeleton.start[first[stays]], skeleton.end[last[stays]]
-    radius = _radii(skeleton, member, first, last)[stays]
+    radius = np.stack([skeleton.radius[first, 0], skeleton.radius[last, 1]], axis=1)
+    radius = np.maximum(radius, 1e-5)
+    chord = np.linalg.norm(skeleton.end[last] - skeleton.start[first], axis=1)
+    volume = np.bincount(member, skeleton.volume)  # of a member as of its segments
+    scale = np.sqrt(np.clip(volume / frustums(np.maximum(chord, 1e-9), radius), 0.25, 4.0))
+    radius = (radius * scale[:, None])[stays]
     node, offset = _nodes(start, end, np.where(above >= 0, number[above], -1)[stays])
     along = _along(skeleton, stays[member], number[own], start, end)
     stem = skeleton.order[first[stays]] == 0
@@ -231,25 +242,6 @@ def _joined(skeleton: Skeleton, longest: float) -> np.ndarray:
     return np.array(member)
 
 
-def _radii(
-    skeleton: Skeleton, member: np.ndarray, first: np.ndarray, last: np.ndarray
-) -> np.ndarray:
-    """(B, 2) radii of members whose volume is that of their segments."""
-    radius = np.stack([skeleton.radius[first, 0], skeleton.radius[last, 1]], axis=1)
-    chord = np.linalg.norm(skeleton.end[last] - skeleton.start[first], axis=1)
-    volume = np.bincount(member, skeleton.volume)
-    r1, r2 = np.maximum(radius, 1e-5).T
-    own = np.pi * np.maximum(chord, 1e-9) * (r1 * r1 + r1 * r2 + r2 * r2) / 3
-    scale = np.sqrt(np.clip(volume / own, 0.25, 4.0))
-    return np.stack([r1, r2], axis=1) * scale[:, None]
-
-
-def frustum(start: np.ndarray, end: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """(S,) volumes of tapered segments, m³."""
-    r1, r2 = radius.T
-    return np.pi * np.linalg.norm(end - start, axis=1) * (r1 * r1 + r1 * r2 + r2 * r2) / 3
-
-
 def _nodes(start: np.ndarray, end: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(B, 2) nodes of members and (B, 3) from its node, the nearer end of the parent, to each start."""
     count = len(start)
@@ -273,13 +265,8 @@ def _along(
     end: np.ndarray,
 ) -> np.ndarray:
     """(S, 2) where segments hold on; what rides does so where the first of it leaves the member."""
-    axis = (end - start)[own]
-    square = np.maximum((axis * axis).sum(axis=1), 1e-18)
-
-    def share(points: np.ndarray) -> np.ndarray:
-        return np.clip(((points - start[own]) * axis).sum(axis=1) / square, 0.0, 1.0)
-
-    along = np.stack([share(skeleton.start), share(skeleton.end)], axis=1)
+    axis, ends = (end - start)[own], (skeleton.start, skeleton.end)
+    along = np.stack([beside_segments(points, start[own], axis)[0] for points in ends], axis=1)
     for s in np.flatnonzero(~kept).tolist():
         parent = skeleton.parent[s]
         rides = parent >= 0 and not kept[parent]
@@ -300,21 +287,13 @@ class Modes:
 
 
 def modes_of(
-    members: Members, wood: GreenWood, load: np.ndarray, count: int, gravity: float = GRAVITY
-) -> Modes:
-    """Find the first modes of members clamped at the ground.
-
-    load : (N, 6, 6) mass that nodes carry besides, as of ``point_masses``. count : how many modes.
-    gravity : m/s². A tree that its own weight would buckle is taken as if it had none.
-    """
-    modes = _solved(members, wood, load, count, gravity)
-    return modes or modes_of(members, wood, load, count, 0.0)
-
-
-def _solved(
     members: Members, wood: GreenWood, load: np.ndarray, count: int, gravity: float
 ) -> Modes | None:
-    """The first modes; None of a tree that its weight buckles."""
+    """Find the first modes of members clamped at the ground; None of a tree that its weight buckles.
+
+    load : (N, 6, 6) mass that nodes carry besides, as of ``point_masses``. count : how many modes.
+    gravity : m/s².
+    """
     stiff, mass = matrices(members, wood, load, gravity)
     free = stiff.shape[0] - 6
     count = min(count, free - 2)
@@ -336,10 +315,11 @@ def standing_modes(members: Members, wood: GreenWood, load: np.ndarray, count: i
     sway without bound there. What stands has stiffer wood or a lighter crown: where its weight takes more
     than 1 - ``STEADY``² of the lowest stiffness, gravity is taken as so much less that this is what it takes.
     """
-    light = modes_of(members, wood, load, 1, 0.0).frequency[0]
-    gravity = GRAVITY
+    still, gravity = modes_of(members, wood, load, 1, 0.0), GRAVITY
+    assert still is not None  # nothing buckles without weight
+    light = still.frequency[0]
     while True:
-        modes = _solved(members, wood, load, count, gravity)
+        modes = modes_of(members, wood, load, count, gravity)
         if modes is None:
             gravity *= 0.5
         elif modes.frequency[0] >= 0.999 * STEADY * light:
@@ -352,7 +332,7 @@ def matrices(
     members: Members, wood: GreenWood, load: np.ndarray, gravity: float = GRAVITY
 ) -> tuple[csc_matrix, csc_matrix]:
     """Assemble stiffness and mass of all nodes, the clamped one first, (6N, 6N)."""
-    length = np.linalg.norm(members.end - members.start, axis=1)
+    length = members.length
     turn = _to_global(members, length)
     stiff, mass = _elements(members, wood, length)
     stiff += _under_weight(members, wood, load, length, gravity)
@@ -433,7 +413,7 @@ def _under_weight(
     members: Members, wood: GreenWood, load: np.ndarray, length: np.ndarray, gravity: float
 ) -> np.ndarray:
     """(B, 12, 12) what the weight above members takes from their bending stiffness (geometric stiffness)."""
-    own = wood.density * frustum(members.start, members.end, members.radius)
+    own = wood.density * frustums(length, members.radius)
     above = load[:, 0, 0].copy()
     carried = np.zeros(len(length))
     for b in range(len(length) - 1, -1, -1):  # children come after their parents

@@ -16,12 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.rows import RowTable
 from ...base.runs import numbered
-from ...base.trimesh import TriMesh
+from ...base.vectors import beside_segments
 from ..mesh.leaves import Leaves
-from ..skeleton import Skeleton
-from .beams import GreenWood, Members, Modes, frustum, members_of, point_masses, standing_modes
+from ..skeleton import LeafSites, Skeleton, frustums
+from .beams import GreenWood, Members, Modes, members_of, point_masses, standing_modes
 
 MODES = 12
 SAMPLE = 0.1  # metres between points of the skeleton among which the nearest is looked for
@@ -31,55 +30,18 @@ PLACES = (0.0, 0.5, 1.0)  # along members, where that is looked at
 
 
 @dataclass(frozen=True)
-class Anchors(RowTable):
-    """Holds of N points of a variant at rest on its moving skeleton, in the variant's own frame.
-
-    bone : (N,) int32, the member of the reduced skeleton that moves the point.
-    along : (N,) float32 share of the member's length, from 0 at its start to 1 at its end.
-    arm : (N, 3) float32 metres from the member's axis there to the point.
-    leaf : (N,) int32 number of the leaf that the point is of, -1 where it is wood.
-    reach : (N, 3) float32 metres from the leaf's foot to the point, zeros where it is wood.
-    """
-
-    bone: np.ndarray
-    along: np.ndarray
-    arm: np.ndarray
-    leaf: np.ndarray
-    reach: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.bone)
-
-
-@dataclass(frozen=True)
-class LeafSeats(RowTable):
-    """Seats of L leaves: foot (L, 3), unit axis (L, 3) along and normal (L, 3), segment (L,)."""
-
-    foot: np.ndarray
-    axis: np.ndarray
-    normal: np.ndarray
-    segment: np.ndarray
-
-    @classmethod
-    def none(cls) -> LeafSeats:
-        """An empty set of leaves."""
-        none = np.empty((0, 3))
-        return cls(none, none, none, np.empty(0, np.int64))
-
-
-@dataclass(frozen=True)
 class SwayShape:
     """The sway of one variant.
 
-    members : its reduced skeleton. modes : of its nodes. leafy, woody : (B,) m² that the wind meets of
-    leaves (half of their one-sided area) and of wood, by member.
+    members : its reduced skeleton. modes : of its nodes. seats : of its leaves. leafy, woody : (B,) m² that
+    the wind meets of leaves (half of their one-sided area) and of wood, by member.
     mass, leaf_mass : kg of all of it, and of its leaves.
     """
 
     skeleton: Skeleton
     members: Members
     modes: Modes
-    seats: LeafSeats
+    seats: LeafSites
     leafy: np.ndarray
     woody: np.ndarray
     mass: float
@@ -106,38 +68,15 @@ class SwayShape:
         low, high = self.ends
         return np.asarray((low + high)[:, :, 3:5] / 2)
 
-    def anchors_of(self, points: np.ndarray, leaf: np.ndarray) -> Anchors:
-        """Anchors of points (N, 3): of leaves by number ``leaf`` (N,), of wood (-1) by the nearest wood."""
+    def members_at(self, points: np.ndarray, leaf: np.ndarray) -> np.ndarray:
+        """(N,) the member that moves points (N, 3): of leaves (N,) that which bears them, of wood (-1) the
+        nearest."""
         on_leaf = (leaf >= 0) & (leaf < len(self.seats.segment))
-        seat = np.where(on_leaf, leaf, 0)
         segment = np.zeros(len(points), dtype=np.int64)
-        held = np.array(points, dtype=np.float64)
-        if on_leaf.any():
-            segment[on_leaf] = self.seats.segment[seat[on_leaf]]
-            held[on_leaf] = self.seats.foot[seat[on_leaf]]
+        segment[on_leaf] = self.seats.segment[leaf[on_leaf]]
         if not on_leaf.all():
-            segment[~on_leaf] = _nearest(self.skeleton, held[~on_leaf])[0]
-        along = self._along(segment, held)
-        own = self.members
-        bone = own.of_segment[segment]
-        foot = own.start[bone] + along[:, None] * (own.end - own.start)[bone]
-        reach = np.where(on_leaf[:, None], points - held, 0.0)
-        return Anchors(
-            bone=bone.astype(np.int32),
-            along=along.astype(np.float32),
-            arm=(points - foot).astype(np.float32),
-            leaf=np.where(on_leaf, leaf, -1).astype(np.int32),
-            reach=reach.astype(np.float32),
-        )
-
-    def _along(self, segment: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(N,) share of the member's length at which points on segments hold on."""
-        start, end = self.skeleton.start[segment], self.skeleton.end[segment]
-        axis = end - start
-        square = np.maximum((axis * axis).sum(axis=1), 1e-18)
-        share = np.clip(((points - start) * axis).sum(axis=1) / square, 0.0, 1.0)
-        low, high = self.members.along[segment].T
-        return low + share * (high - low)
+            segment[~on_leaf] = _nearest(self.skeleton, points[~on_leaf])[0]
+        return np.asarray(self.members.of_segment[segment])
 
 
 def shape_of(skeleton: Skeleton, leaves: Leaves, wood: GreenWood) -> SwayShape:
@@ -152,7 +91,7 @@ def shape_with(
     leaf_area: np.ndarray,
     wood: GreenWood,
     modes: int = MODES,
-    seats: LeafSeats | None = None,
+    seats: LeafSites | None = None,
 ) -> SwayShape:
     """Reduce a tree that bears leaves of an area (S,) m² on its segments to its first modes."""
     members = members_of(skeleton)
@@ -165,12 +104,12 @@ def shape_with(
     load = point_masses(node, carried, middle - members.nodes[node], len(members) + 1)
     length = skeleton.length
     count = len(members)
-    kept = frustum(members.start, members.end, members.radius).sum() * wood.density
+    kept = frustums(members.length, members.radius).sum() * wood.density
     return SwayShape(
         skeleton=skeleton,
         members=members,
         modes=standing_modes(members, wood, load, modes),
-        seats=seats or LeafSeats.none(),
+        seats=seats or LeafSites.none(),
         leafy=np.bincount(own, SHARE_OF_CIRCLE * wood.one_sided * leaf_area, minlength=count),
         woody=np.bincount(own, length * skeleton.radius.sum(axis=1), minlength=count),
         mass=float(kept + carried.sum()),
@@ -178,27 +117,18 @@ def shape_with(
     )
 
 
-def seats_of(skeleton: Skeleton, leaves: Leaves) -> LeafSeats:
+def seats_of(skeleton: Skeleton, leaves: Leaves) -> LeafSites:
     """Find where leaves are held: by the end of their axis that is nearer to the wood."""
     if not len(leaves):
-        return LeafSeats.none()
+        return LeafSites.none()
     half = 0.5 * leaves.length[:, None] * leaves.axis
     ends = np.stack([leaves.centre - half, leaves.centre + half])
     nearest_by_end = [_nearest(skeleton, end) for end in ends]
     second = nearest_by_end[1][1] < nearest_by_end[0][1]
     foot = np.where(second[:, None], ends[1], ends[0])
     axis = np.where(second[:, None], -leaves.axis, leaves.axis)
-    return LeafSeats(
-        foot, axis, leaves.normal, np.where(second, nearest_by_end[1][0], nearest_by_end[0][0])
-    )
-
-
-def corner_leaves(mesh: TriMesh) -> np.ndarray:
-    """(V,) int32 the leaf that each vertex is of, -1 where it is of none."""
-    leaf = np.full(len(mesh.vertices), -1, np.int32)
-    rows = mesh.leaf >= 0
-    leaf[mesh.triangles[rows].ravel()] = np.repeat(mesh.leaf[rows], 3)
-    return leaf
+    segment = np.where(second, nearest_by_end[1][0], nearest_by_end[0][0])
+    return LeafSites(foot, axis, leaves.normal, leaves.length, leaves.width, segment)
 
 
 def _nearest(skeleton: Skeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -214,11 +144,8 @@ def _nearest(skeleton: Skeleton, points: np.ndarray) -> tuple[np.ndarray, np.nda
     _, near = cKDTree(sample).query(points, k=many)
     segment = of[np.asarray(near).reshape(len(points), many)]
     start = skeleton.start[segment]
-    axis = skeleton.end[segment] - start
-    to = points[:, None] - start
-    along = (to * axis).sum(axis=2) / np.maximum((axis * axis).sum(axis=2), 1e-18)
-    along = np.clip(along, 0.0, 1.0)
-    away = np.linalg.norm(to - along[..., None] * axis, axis=2)
+    along, aside = beside_segments(points[:, None], start, skeleton.end[segment] - start)
+    away = np.linalg.norm(aside, axis=2)
     away -= skeleton.radius[segment, 0] * (1 - along) + skeleton.radius[segment, 1] * along
     best = np.argmin(away, axis=1)
     rows = np.arange(len(points))
@@ -285,12 +212,6 @@ def rig_of(shape: SwayShape, within: float = WITHIN) -> SwayRig:
     # (4, M, 3) of each piece to (M, 3, 4).
     maps = np.array(fits).transpose(0, 2, 3, 1) / weight[:, None, None]
     return SwayRig(group, maps, worst / most)
-
-
-def piece_of_triangles(shape: SwayShape, rig: SwayRig, mesh: TriMesh) -> np.ndarray:
-    """(T,) int64 the piece that each triangle of the variant's mesh is of."""
-    middle = mesh.vertices[mesh.triangles].mean(axis=1)
-    return np.asarray(rig.of_member[shape.anchors_of(middle, mesh.leaf).bone])
 
 
 def _samples(shape: SwayShape) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:

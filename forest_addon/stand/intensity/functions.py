@@ -28,6 +28,7 @@ import numpy as np
 from scipy.special import erf, erfc
 
 from ...base.rows import RowTable
+from ...base.runs import numbered
 from .surface import Grid, GroundSurface, IntensityError, IntensitySurface, Pyramid, refuse_pixels
 
 
@@ -317,9 +318,8 @@ class Polygon(Mask):
         up = start[:, 1] <= end[:, 1]
         below, above = np.where(up[:, None], start, end), np.where(up[:, None], end, start)
         first, last = self._bin(below)[:, 1], self._bin(above)[:, 1]
-        count = last - first + 1
-        edge = np.repeat(np.arange(len(below)), count)
-        row = first[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+        edge, number = numbered(last - first + 1)
+        row = first[edge] + number
         a, b = below[edge], above[edge]
         # The piece of each edge within a row, one part in 1e9 longer on either side: rounding.
         rise = np.maximum(b[:, 1] - a[:, 1], 1e-300)

@@ -34,6 +34,7 @@ from typing import Protocol
 import numpy as np
 
 from ...base.rng import stream
+from ...base.runs import numbered
 from ...spec import Forest, SpecError
 
 
@@ -287,9 +288,7 @@ class IntensitySurface:
         seen = np.flatnonzero(self._seen)
         first, last = self._bin(corners[seen].min(axis=1)), self._bin(corners[seen].max(axis=1))
         extent = last - first + 1
-        copies = extent.prod(axis=1)
-        owner = np.repeat(np.arange(len(seen)), copies)
-        number = np.arange(int(copies.sum())) - np.repeat(np.cumsum(copies) - copies, copies)
+        owner, number = numbered(extent.prod(axis=1))
         column = first[owner, 0] + number % extent[owner, 0]
         row = first[owner, 1] + number // extent[owner, 0]
         place = row * columns + column
@@ -305,9 +304,7 @@ class IntensitySurface:
     def _locate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         column, row = self._bin(points).T
         home = row * self._shape[1] + column
-        count = self._start[home + 1] - self._start[home]
-        owner = np.repeat(np.arange(len(points)), count)
-        step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+        owner, step = numbered(self._start[home + 1] - self._start[home])
         candidate = self._members[self._start[home][owner] + step]
         weights = self.weights(points[owner], candidate)
         holds = (weights >= -EDGE).all(axis=1)
@@ -348,18 +345,6 @@ class GroundSurface(Protocol):
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Vertices (V, 3) and triangles (T, 3) to show it by, None where it is flat."""
-
-
-def normals(terrain: GroundSurface, points: np.ndarray) -> np.ndarray:
-    """(N, 3) unit normals of the ground, up."""
-    gradient = terrain.gradient(points)
-    up = np.column_stack([-gradient, np.ones(len(points))])
-    return np.asarray(up / np.linalg.norm(up, axis=1, keepdims=True))
-
-
-def slope(terrain: GroundSurface, points: np.ndarray) -> np.ndarray:
-    """(N,) angle between the ground and the horizontal, radians."""
-    return np.asarray(np.arctan(np.linalg.norm(terrain.gradient(points), axis=1)))
 
 
 def sink(terrain: GroundSurface, points: np.ndarray, radius: np.ndarray) -> np.ndarray:

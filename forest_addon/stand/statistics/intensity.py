@@ -36,7 +36,7 @@ from scipy.special import ndtr, owens_t
 
 from ...base.rng import stream
 from ...base.vectors import column
-from ..intensity.functions import Polygon
+from ..intensity.functions import Mixture, Polygon
 
 TOUCH = 1e-9  # part of the longer side within which a point is on an edge
 TABLE = 1024  # cells along the longer side from which a polygon's set covariance is read
@@ -208,10 +208,7 @@ class Window:
         """
         if self.is_rectangle:
             return np.asarray(np.maximum(self.extent - np.abs(shift), 0.0).prod(axis=1))
-        table, cell = self._overlap_table
-        middle = (np.array(table.shape) - 1) / 2
-        at = shift[:, ::-1] / cell[::-1] + middle
-        return np.asarray(scipy.ndimage.map_coordinates(table, at.T, order=1, mode="constant"))
+        return overlap_at(*self._overlap_table, shift)
 
     @cached_property
     def _overlap_table(self) -> tuple[np.ndarray, np.ndarray]:
@@ -229,6 +226,12 @@ def overlaps(image: np.ndarray) -> np.ndarray:
     power = np.abs(np.fft.rfft2(image, (2 * rows, 2 * columns))) ** 2
     product = np.fft.irfft2(power, (2 * rows, 2 * columns))
     return np.roll(product, (rows - 1, columns - 1), axis=(0, 1))[:-1, :-1]
+
+
+def overlap_at(table: np.ndarray, cell: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """(N,) of a table of ``overlaps``, between whole cells (2,) of x and y, at shifts (N, 2)."""
+    at = shift[:, ::-1] / cell[::-1] + (np.array(table.shape) - 1) / 2
+    return np.asarray(scipy.ndimage.map_coordinates(table, at.T, order=1, mode="constant"))
 
 
 def _triangle(distance: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -418,10 +421,8 @@ class FittedMixture:
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """λ (N,) at points (N, 2); 0 outside the window."""
-        value = np.full(len(points), self.base)
-        for peak, centre, width in zip(self.peak, self.centre, self.width, strict=True):
-            value += peak * np.exp(-(((points - centre) / width) ** 2).sum(axis=1))
-        return np.where(self.window.contains(points), value, 0.0)
+        hills = Mixture(self.peak, self.centre, self.width).at(points)
+        return np.where(self.window.contains(points), self.base + hills, 0.0)
 
 
 def fit_mixture(points: np.ndarray, window: Window, hills: int | None = None) -> FittedMixture:

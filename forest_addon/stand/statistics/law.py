@@ -44,7 +44,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
@@ -60,6 +59,7 @@ from .intensity import (
     Window,
     fit_mixture,
     kernel_estimate,
+    overlap_at,
     overlaps,
     refit,
 )
@@ -261,11 +261,7 @@ class Region:
     def set_covariance(self, shift: np.ndarray) -> np.ndarray:
         """(N,) area that it shares with itself moved by shift (N, 2), m²; exact, as between whole pixels
         the overlap of pixels is bilinear."""
-        middle = np.array(self._overlaps.shape) // 2
-        at = shift[:, ::-1] / self.cell[::-1] + middle
-        return np.asarray(
-            scipy.ndimage.map_coordinates(self._overlaps, at.T, order=1, mode="constant")
-        )
+        return overlap_at(self._overlaps, self.cell, shift)
 
     @cached_property
     def _overlaps(self) -> np.ndarray:

@@ -14,11 +14,10 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import WOOD
 from forest_addon.growth.library import (
-    FOLDER,
-    allometry_names,
     complete_species,
     find_species,
     load_species,
+    presets,
     read_allometry,
     read_measured,
 )
@@ -91,7 +90,7 @@ def test_too_few_trees_of_a_kind_borrow_and_say_so():
 
 def test_drawn_trees_fill_the_measured_band():
     """Scores cut at two standard deviations: 94.3 % between the 5 and 95 % points, 1,000 trees ± 3.1 %."""
-    kind = read_allometry("picea-abies", FOLDER)
+    kind = read_allometry("picea-abies", Path())
     dbh = np.exp(stream(3, "dbh").uniform(np.log(0.05), np.log(0.6), 1000))
     drawn = draw(kind, dbh, np.full((1000, 4), NOTHING), stream(3, "draw").random((1000, 4)))
     z = scores(kind, dbh, drawn)
@@ -106,7 +105,7 @@ def test_drawn_trees_fill_the_measured_band():
 
 
 def test_what_is_given_stays_and_what_is_drawn_knows_of_it():
-    kind = read_allometry("picea-abies", FOLDER)
+    kind = read_allometry("picea-abies", Path())
     dbh = np.full(2000, 0.3)
     given = np.full((2000, 4), NOTHING)
     tall = measures(kind, dbh[:1], np.full((1, 4), 1.5))[0, 0]
@@ -121,7 +120,7 @@ def test_what_is_given_stays_and_what_is_drawn_knows_of_it():
 
 
 def test_a_tree_is_the_same_however_many_are_drawn():
-    kind = read_allometry("fagus", FOLDER)
+    kind = read_allometry("fagus", Path())
     uniform = stream(5, "draw").random((50, 4))
     many = draw(kind, np.full(50, 0.2), np.full((50, 4), NOTHING), uniform)
     few = draw(kind, np.full(7, 0.2), np.full((7, 4), NOTHING), stream(5, "draw").random((7, 4)))
@@ -129,9 +128,9 @@ def test_a_tree_is_the_same_however_many_are_drawn():
 
 
 def test_at_least_a_dozen_kinds_and_four_types_are_shipped():
-    assert len(allometry_names()) >= 16
-    for name in allometry_names():
-        kind = read_allometry(name, FOLDER)
+    assert len(presets("allometry")) >= 16
+    for name in presets("allometry"):
+        kind = read_allometry(name, Path())
         assert kind.source
         low, high = band(kind, np.array([0.05, 0.2, 0.4]))
         assert (low < high).all()
@@ -144,12 +143,12 @@ def test_shipped_files_are_what_the_measured_tables_say():
     make = run_path(str(ASSETS / "make_allometry.py"))
     tables = FOUND / "baad_trees.csv", FOUND / "trees_by_platform" / "pytreedb.csv"
     for kind in make["fitted"](*tables):
-        assert read_allometry(kind.name.lower().replace(" ", "-"), FOLDER) == kind
+        assert read_allometry(kind.name.lower().replace(" ", "-"), Path()) == kind
 
 
 def test_a_name_that_is_not_there_is_told():
     with pytest.raises(SpecError, match="picea-abies"):
-        read_allometry("picea", FOLDER)
+        read_allometry("picea", Path())
     assert len(MEASURES) == 4
 
 
@@ -189,7 +188,7 @@ def test_a_way_of_counting_that_is_not_known_is_told(tmp_path):
 def test_leaves_of_a_stem_are_those_of_needles_that_were_weighed(name):
     """Within a third of Finnish needle masses times their area, 12 to 35 cm; all sides would double it."""
     dbh = np.linspace(0.12, 0.35, 12)
-    ours = measures(read_allometry(name, FOLDER), dbh, np.zeros((12, 4)))
+    ours = measures(read_allometry(name, Path()), dbh, np.zeros((12, 4)))
     ratio = ours[:, 3] / weighed(name, dbh, ours[:, 0])
     assert 0.66 < ratio.min() < ratio.max() < 1.34
     assert np.exp(np.log(ratio).mean()) == pytest.approx(1, abs=0.25)
@@ -202,7 +201,7 @@ def test_leaves_of_a_stem_are_those_of_needles_that_were_weighed(name):
 def test_a_closed_stand_has_a_leaf_area_index_that_is_measured(name, basal_area, low, high):
     dbh = np.linspace(0.15, 0.4, 6)
     trees = basal_area / 1e4 / (np.pi / 4 * dbh**2)
-    index = trees * measures(read_allometry(name, FOLDER), dbh, np.zeros((6, 4)))[:, 3]
+    index = trees * measures(read_allometry(name, Path()), dbh, np.zeros((6, 4)))[:, 3]
     assert low < index.min() < index.max() < high
 
 
@@ -225,7 +224,7 @@ def test_sapwood_of_every_diameter_fits_heights_that_trees_have():
 def test_a_diameter_drawn_for_a_height_has_it_within_the_band_of_its_kind(name, height):
     """90 % of the kind lie within the band; of 1000 trees 83 to 97 % (false alarm below 1e-9), and more where
     diameters beyond the measured ones are rarer."""
-    kind, count = read_allometry(name, FOLDER), 1000
+    kind, count = read_allometry(name, Path()), 1000
     given = np.full((count, 4), NOTHING)
     given[:, 0] = height
     dbh = draw_diameters(kind, given, stream(3, name, int(height)).random(count))
@@ -240,7 +239,7 @@ def test_a_diameter_drawn_for_a_height_has_it_within_the_band_of_its_kind(name, 
 def test_what_is_drawn_both_ways_round_is_one_joint_law(known):
     """Trees are drawn by diameter; of each some measures are kept, and the rest is drawn given these."""
     name = ("picea-abies", "fagus")[sum(known) % 2]
-    kind, count, rng = read_allometry(name, FOLDER), 500, stream(4, name, *known)
+    kind, count, rng = read_allometry(name, Path()), 500, stream(4, name, *known)
     nothing = np.full((count, 4), NOTHING)
     dbh = np.exp(rng.uniform(np.log(0.005), np.log(kind.height.dbh[1]), count))
     trees = draw(kind, dbh, nothing, rng.random((count, 4)))

@@ -228,7 +228,7 @@ def test_the_truth_has_the_collars_volume():
     plain, swollen = (curved(BRANCH, LeafSites.none(), c)[0] for c in (0.0, 0.5))
     assert volume_of(swollen) == pytest.approx(union_volume(swollen, 60_000), rel=4e-3)
     assert volume_of(swollen) > volume_of(plain) + 1e-4
-    mesh = mesh_wood(swollen, 2e-4, uv=False)
+    mesh = mesh_wood(swollen, 2e-4)
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     pieces = float(
         np.einsum("ti,ti->", a, np.cross(b, c)) / 6
@@ -240,7 +240,7 @@ def test_the_truth_has_the_collars_volume():
 def test_wood_with_collars_is_closed_and_its_truth_is_the_volume_of_the_union():
     species, kind = load_species(find_species("european-beech", Path()))
     wood = grow(species, kind, stream(1, "closed"), Wanted(0.3, 18.0, 7.0, 6.0, 20.0)).skeleton
-    mesh = mesh_wood(wood, 5e-4, uv=False)
+    mesh = mesh_wood(wood, 5e-4)
     ahead, after = (mesh.triangles[:, k].astype(np.int64).ravel() for k in ([0, 1, 2], [1, 2, 0]))
     keys, times = np.unique(ahead * len(mesh.vertices) + after, return_counts=True)
     assert (times == 1).all()  # every edge once in each direction
@@ -312,7 +312,7 @@ def test_a_measured_tree_keeps_its_measures(name):
     assert angle.max() < 1.0 < bends(plain.skeleton)[0].max() + 0.6
     assert thick.max() == pytest.approx(plain.skeleton.radius.max(), rel=0.01)
     assert 0.97 < volume_of(wood) / volume_of(plain.skeleton) < 1.05
-    far = [len(mesh_wood(t.skeleton, 0.05, uv=False).triangles) for t in (plain, tree)]
+    far = [len(mesh_wood(t.skeleton, 0.05).triangles) for t in (plain, tree)]
     assert far[1] < 1.45 * far[0]  # from afar the nodes are left out again
 
 

@@ -228,7 +228,7 @@ def test_rings_in_line_are_left_out_within_the_tolerance():
     assert volume(straight) == pytest.approx(np.pi * 10 / 3 * (0.04 + 0.01 + 0.02), rel=0.02)
     t = np.linspace(0, 1, 2001)
     arc = np.stack([10 * np.cos(t), 10 * np.sin(t), 0 * t], 1)
-    coarse = mesh_wood(chain(arc, np.full(2001, 0.01)), 0.002, uv=False)
+    coarse = mesh_wood(chain(arc, np.full(2001, 0.01)), 0.002)
     assert len(coarse.triangles) < 2001
     middle = np.hypot(coarse.vertices[:, 0], coarse.vertices[:, 1])
     assert np.abs(middle - 10).max() < 0.0145 + 0.002

@@ -20,7 +20,7 @@ from forest_addon.growth.library import load_species
 from forest_addon.growth.mesh.blades import SHAPES
 from forest_addon.growth.own_tree import template
 from forest_addon.growth.own_tree.recognise import TemplateError, recognise
-from forest_addon.growth.own_tree.template import GraftSite, dress, graft, prepare, split_tree
+from forest_addon.growth.own_tree.template import GraftSite, dress, graft, split_tree
 from forest_addon.growth.tree import grow
 from forest_addon.spec import Leaf, Normal
 
@@ -53,15 +53,7 @@ def test_templates_are_the_facets_of_their_branch_in_the_canonical_frame() -> No
     model = tree()
     split = split_tree(model.wood(), model.leaves())
     assert len(split.branches) == 9
-    assert split.unit == 1.0
-    trunk = facets_of(split.trunk, WOOD)  # stands on the origin
-    np.testing.assert_allclose(trunk, model.tubes[0] - model.foot[0], atol=2e-3)
-    assert (split.wood_components, split.leaf_count, split.unattached_leaves, split.stubs) == (
-        28,
-        63,
-        0,
-        0,
-    )
+    assert sum(len(branch.leaves) for branch in split.branches) == 63
     for number, branch in enumerate(split.branches):
         first = 1 + 3 * number  # branches were built from the lowest up, each with its two twigs
         length = float(np.linalg.norm(model.tip[first] - model.foot[first]))
@@ -100,7 +92,6 @@ def test_height_sets_the_unit() -> None:
     model = tree()
     tall = float(np.ptp(model.wood()[:, :, 2]))
     metres, scaled = split_tree(model.wood()), split_tree(model.wood() * 39.37, height=tall)
-    assert scaled.unit == pytest.approx(1 / 39.37)
     doubled = split_tree(model.wood(), height=2 * tall)
     for one, same, twice in zip(metres.branches, scaled.branches, doubled.branches, strict=True):
         assert same.length == pytest.approx(one.length, rel=1e-6)
@@ -154,19 +145,17 @@ def test_roots_are_no_trunk_and_no_templates() -> None:
         out = np.array([np.cos(turn), np.sin(turn), -0.7])
         model.add(line(model.foot[0], model.foot[0] + 2 * out), np.linspace(0.12, 0.03, 6), 0)
     model.check(recognise(model.wood(), model.leaves()))
-    split = split_tree(model.wood(), model.leaves())
-    assert len(split.branches) == 9
-    assert split.stubs == 3
+    assert len(split_tree(model.wood(), model.leaves()).branches) == 9
 
 
-def test_shoots_on_the_trunk_are_counted_and_left_out() -> None:
+def test_shoots_on_the_trunk_are_left_out_with_their_leaves() -> None:
     model = tree()
     foot = model.foot[0] + 0.2 * (model.tip[0] - model.foot[0])
     shoot = model.add(line(foot + at(0.25, 0, 0), foot + at(0.3, 0, 0.05)), 0.004, 0)
     model.leaf(shoot, foot + at(0.3, 0, 0.05), [1, 0, 0], [0, 1, 0])
     split = split_tree(model.wood(), model.leaves())
-    assert (len(split.branches), split.stubs) == (9, 1)
-    assert split.unattached_leaves == 1
+    assert len(split.branches) == 9
+    assert sum(len(branch.leaves) for branch in split.branches) == 63
 
 
 def signed_volume(facets: np.ndarray) -> float:
@@ -178,7 +167,6 @@ def test_pieces_modelled_inside_out_are_turned() -> None:
     for number in (0, 2, 4):
         model.tubes[number] = model.tubes[number][:, ::-1]
     split = split_tree(model.wood(), model.leaves())
-    assert signed_volume(facets_of(split.trunk, WOOD)) > 0
     sound = split_tree(tree(capped=True).wood())
     for turned, expected in zip(split.branches, sound.branches, strict=True):
         volume = signed_volume(facets_of(turned.mesh, WOOD))
@@ -210,18 +198,16 @@ def test_leaves_that_touch_wood_or_each_other_at_points() -> None:
         assert len(np.unique(owner, axis=0)) == len(np.unique(leaf))
 
 
-def test_leaves_on_the_trunk_are_counted_and_in_no_template() -> None:
+def test_leaves_on_the_trunk_are_in_no_template() -> None:
     model = tree()
     model.leaf(0, model.foot[0] + at(0.3, 0, 1), [1, 0, 0], [0, 1, 0])
     split = split_tree(model.wood(), model.leaves())
-    assert (split.leaf_count, split.unattached_leaves) == (64, 1)
     assert sum(len(branch.leaves) for branch in split.branches) == 63
 
 
 @pytest.mark.parametrize("leaves", [None, np.empty((0, 3, 3))])
 def test_a_leafless_tree(leaves: np.ndarray | None) -> None:
     split = split_tree(tree().wood(), leaves)
-    assert (split.leaf_count, split.unattached_leaves) == (0, 0)
     for branch in split.branches:
         assert len(branch.leaves) == 0
         assert np.all(branch.mesh.part == WOOD)
@@ -318,16 +304,10 @@ def test_maple_templates(maple: tuple[np.ndarray, np.ndarray]) -> None:
     wood, leaves = maple
     split = split_tree(wood, leaves, height=12.0)
     assert len(split.branches) == 24
-    assert (split.wood_components, split.leaf_count, split.unattached_leaves, split.stubs) == (
-        244,
-        1855,
-        0,
-        0,
-    )
+    assert sum(len(branch.leaves) for branch in split.branches) == 1855
     assert sum(len(b.mesh.triangles) for b in split.branches) == len(wood) - 384 + 2 * 1855
-    assert split.unit == pytest.approx(12 / np.ptp(wood[:, :, 2]))
-    assert split.trunk_radius / split.unit == pytest.approx(0.886, rel=0.01)  # its first ring
-    assert split.trunk.vertices[:, 2].min() == pytest.approx(0, abs=1e-3)
+    unit = 12 / np.ptp(wood[:, :, 2])
+    assert split.trunk_radius / unit == pytest.approx(0.886, rel=0.01)  # its first ring
 
     heights = [b.height for b in split.branches]
     assert heights == sorted(heights)
@@ -343,7 +323,7 @@ def test_maple_templates(maple: tuple[np.ndarray, np.ndarray]) -> None:
         assert 40 <= len(branch.leaves) <= 120
         assert branch.leaves.centre[:, 0].min() > 0.1  # leaves are outward of the foot
         assert branch.leaves.centre[:, 0].max() < 1.6
-        assert branch.leaves.length * branch.length == pytest.approx(2.15 * split.unit, rel=0.01)
+        assert branch.leaves.length * branch.length == pytest.approx(2.15 * unit, rel=0.01)
         # the branch itself starts at the origin with its radius and ends at (1, 0, 0)
         own = branch.mesh.vertices[branch.mesh.part[0] == WOOD]
         foot = np.linalg.norm(own, axis=-1)
@@ -358,12 +338,11 @@ def wood():
 @pytest.mark.medium
 def test_every_twig_bears_nodes_times_leaves_of_their_true_size(wood):
     unit = 0.1
-    facets = dress(wood / unit, DRESSED, SHAPES["ellipse"](), unit)
+    facets = dress(wood / unit, DRESSED, SHAPES["ellipse"], unit)
     bare = recognise(wood)
     twigs = np.setdiff1d(np.arange(len(bare.parent)), [*bare.parent, bare.trunk])
     split = split_tree(wood, facets * unit)
-    assert split.leaf_count == len(twigs) * 6
-    assert split.unattached_leaves == 0
+    assert sum(len(branch.leaves) for branch in split.branches) == len(twigs) * 6
     corner = facets.reshape(-1, 3) * unit
     for tip in bare.tip[twigs]:
         assert np.linalg.norm(corner - tip, axis=1).min() < 0.02
@@ -381,8 +360,11 @@ def test_a_species_file_asks_for_them(tmp_path):
     (tmp_path / "bare.toml").write_text(text)
     (tmp_path / "leafy.toml").write_text(text + 'grow_leaves = true\n[leaf]\nshape = "beech"\n')
     bare, leafy = (load_species(tmp_path / f"{name}.toml") for name in ("bare", "leafy"))
-    assert bare[1].leaf_count == 0
-    assert leafy[1].leaf_count > 100
+    of_bare, of_leafy = (
+        sum(len(branch.leaves) for branch in kind[1].branches) for kind in (bare, leafy)
+    )
+    assert of_bare == 0
+    assert of_leafy > 100
     tree, again = (grow(*leafy, stream(1, "tree")) for _ in range(2))
     assert len(tree.leaves) > 1000
     assert np.array_equal(tree.mesh.vertices, again.mesh.vertices)
@@ -434,7 +416,7 @@ def test_few_and_many_generations(shared_maple, generations):
 
 
 def test_a_graft_starts_at_its_site_and_ends_at_its_length(shared_maple):
-    scion = prepare(shared_maple[1].branches[0])
+    scion = shared_maple[1].branches[0]
     direction = np.array([0.36, 0.48, 0.8])
     site = GraftSite(np.array([1.0, 2.0, 3.0]), direction, 4.0)
     mesh, _, _ = graft(scion, site, 0.0, 0.0, stream(0, "graft"))

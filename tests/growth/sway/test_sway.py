@@ -98,10 +98,10 @@ def test_what_stands_keeps_most_of_its_frequency_whatever_it_weighs(share):
     members = members_of(rod(0.05, 0.05, share * critical))
     load = np.zeros((len(members) + 1, 6, 6))
     stands = standing_modes(members, WOOD, load, 4).frequency[0]
-    light, heavy = (modes_of(members, WOOD, load, 4, g).frequency[0] for g in (0.0, 9.81))
+    light = modes_of(members, WOOD, load, 4, 0.0).frequency[0]
     assert 0.999 * STEADY * light <= stands < light
     if share < 0.7:
-        assert stands == heavy
+        assert stands == modes_of(members, WOOD, load, 4, 9.81).frequency[0]
     if share > 0.8:
         assert stands < 0.9 * light
 

@@ -66,9 +66,9 @@ def test_forests_like_the_site(site, tmp_path, method, error):
     assert {p.species for p in settings.plantings} == set(names)
     for planting in settings.plantings:
         true, like = law(names[planting.species]), process_of(planting, settings.forest, inputs)
-        found = like.at(at) / like.expected() - true.at(at) / true.expected()
+        found = like.at(at) / like.expected - true.at(at) / true.expected
         # Of the density, relative; some 3 times what it is on average.
-        assert (found**2).sum() < error * ((true.at(at) / true.expected()) ** 2).sum()
+        assert (found**2).sum() < error * ((true.at(at) / true.expected) ** 2).sum()
     stand = plan_stand(3, settings.forest, settings.plantings, inputs)
     mean = sum(p.expected for p in settings.plantings)
     assert abs(len(stand) - mean) < 4.5 * np.sqrt(mean)  # false alarm 7e-6

@@ -102,7 +102,6 @@ def test_the_grammar_of_2020a_is_there_by_name(files, capsys):
     species, template = load_species(out / "elm.toml")
     assert species.siblings is None
     assert len(template.branches) == 9
-    assert template.unit == 1.0  # the library is in metres
     assert species.grammar.radius == pytest.approx(template.trunk_radius, rel=1e-3)
 
 

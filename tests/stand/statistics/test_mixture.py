@@ -28,7 +28,7 @@ HILLS = Mixture(  # the second reaches over the edge
 
 def drawn(intensity, count, *key):
     process = Process(intensity, np.zeros(2), np.full(2, 100.0))
-    process = process.scaled(count / process.expected())
+    process = process.scaled(count / process.expected)
     return sample(process, stream(0, *key)), process
 
 
@@ -266,7 +266,7 @@ def test_what_cannot_be_used_is_refused():
 
 def _process(count):
     process = Process(KERNEL_HILLS, KERNEL_FIELD.low, KERNEL_FIELD.high)
-    return process.scaled(count / process.expected())
+    return process.scaled(count / process.expected)
 
 
 def _error(points, process, bandwidth=None):

@@ -23,7 +23,6 @@ from ui.pressing import (
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.jobs import Job
 from forest_addon.blender.read.depsgraph import read_scene
-from forest_addon.blender.scene import forest as forest_room
 from forest_addon.blender.scene import forest as room
 from forest_addon.blender.scene import layout
 from forest_addon.blender.scene.instances import TREE_KEY
@@ -142,7 +141,7 @@ def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     def full(*_):
         raise MemoryError
 
-    monkeypatch.setattr(forest_room, "ground_mesh", full)
+    monkeypatch.setattr(room, "ground_mesh", full)
     with pytest.raises(RuntimeError, match="not enough memory"):
         press("build")
     assert counts() == before
@@ -238,9 +237,6 @@ def test_many_triangles_become_points_shown_by_stand_ins(built, monkeypatch):
 
 
 def test_triangles_are_counted_as_they_are_drawn(built):
-    from forest_addon.site import ForestSite
-    from forest_addon.ui.settings import exchange
-
     forest = ForestSite.read(exchange.to_spec(bpy.context.scene)).grow()
     shown = [len(obj.data.polygons) for obj in trees()]
     assert room.triangles_of(forest) == np.sum(shown)

@@ -42,7 +42,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -149,19 +149,22 @@ class Expansions:
         bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
         loud = loud_trunks(paths, rate, count, loss_at, speed)
         total = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance, bands)
-        rest = paths.select(~loud) if loud.any() else paths
+        # by angle: then those of a box (``panel_sum``) lie together in memory
+        rest = paths.select(~loud)
+        rest = rest.select(np.argsort(rest.angle))
         gain = self._gain(losses and losses.unthinned, rate, tolerance)
         errors: dict[float, float] = {}
-        whole = whole_energy(paths, loss_at, speed)
+        whole = whole_energy(_classes(paths), loss_at, speed)
         done = 0
         for band in bands:
             usual = min(USUAL, band.high[0]) if band.high else USUAL
             lost = float(loss_at(np.array([usual]))[0])
             for rows in by_distance(rest.length, gain, lost):
                 some = rest.select(rows)
+                classes = _classes(some)
 
-                def heard(low: float, high: float, some: TrunkPaths = some) -> bool:
-                    return not unheard(some, (low, high), whole, loss_at, speed, tolerance)
+                def heard(low: float, high: float, classes: TrunkPaths = classes) -> bool:
+                    return not unheard(classes, (low, high), whole, loss_at, speed, tolerance)
 
                 def spectrum(
                     spacing: float,
@@ -322,6 +325,8 @@ MOST_SINGLE, MOST = 400, 20_000  # trunks that are summed one by one; among so m
 UNHEARD, MOST_UNHEARD = 1e-2, 1e-6  # of the tolerance, of the sound: 40 dB are left for the ground
 OCTAVES = 20.0 * 2.0 ** np.arange(0, 13, 0.5)  # Hz at which all sound is known
 
+ALIKE = 0.02  # by the logarithm, of lengths and radii of a class
+
 Loss = Callable[[np.ndarray], np.ndarray]  # nepers of amplitude per metre at frequencies (F,)
 
 
@@ -330,6 +335,20 @@ def energies(paths: TrunkPaths, frequency: np.ndarray, loss: Loss, speed: float)
     size = np.outer(2.0 * np.pi / speed * frequency, paths.radius)
     lost = np.exp(-2.0 * np.outer(loss(frequency), paths.length))
     return np.asarray(np.square(paths.weight) * paths.radius * np.minimum(size, 1.0) ** 3 * lost)
+
+
+def _classes(paths: TrunkPaths) -> TrunkPaths:
+    """Paths in place of all of about the same length and radius, with the energy of these."""
+    sides = np.maximum([paths.length, paths.radius], 1e-6)
+    number = np.floor(np.log(sides) / ALIKE).astype(np.int64)
+    low = number.min(axis=1, keepdims=True)
+    along, across = number - low
+    count = int(across.max()) + 1
+    energy = np.bincount(along * count + across, np.square(paths.weight) * paths.radius)
+    some = np.flatnonzero(energy)
+    length, radius = np.exp((np.array(np.divmod(some, count)) + low + 0.5) * ALIKE)
+    weight = np.sqrt(energy[some] / radius)
+    return replace(paths.select(slice(len(some))), length=length, radius=radius, weight=weight)
 
 
 def whole_energy(paths: TrunkPaths, loss: Loss, speed: float) -> np.ndarray:

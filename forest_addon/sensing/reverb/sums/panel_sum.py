@@ -36,7 +36,6 @@ from scipy import special
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, scattering_sum
 from ....acoustics.gridding import DelayGrid, width_for
-from ....acoustics.spectrum import phasors
 from ....base.rng import stream
 from ....base.rows import distinct
 from ..forest.losses import NEAR
@@ -94,12 +93,11 @@ def panel_spectrum(
 
 def _of_like_radius(radius: np.ndarray) -> Iterator[np.ndarray]:
     """Rows of trunks that share panels, the thickest first; those of no width scatter nothing."""
-    left = np.argsort(radius, kind="stable")
-    left = left[radius[left] > 0]
+    left = np.flatnonzero(radius > 0)
     while len(left):
-        start = int(np.searchsorted(radius[left], radius[left[-1]] / RATIO))
-        yield left[start:]
-        left = left[:start]
+        alike = radius[left] >= radius[left].max() / RATIO
+        yield left[alike]
+        left = left[~alike]
 
 
 def by_distance(
@@ -147,7 +145,8 @@ class _Group:
             if loudness.any()
             else [0]
         )
-        self.probes, self.rng = np.unique(drawn), rng
+        self.probed, self.rng = np.zeros(len(loudness), bool), rng
+        self.probed[drawn] = True
 
     def add_to(
         self,
@@ -240,9 +239,9 @@ class _Panel:
         level = self._wavenumber(self.frequency) ** 1.5
         level *= np.exp(-self.typical * self._loss(self.frequency))
         grid = DelayGrid(count, len(k), group.kernel)
-        total, checked = np.zeros(count, np.complex128), []
+        checked = []
         for rows, heights in self.boxes.heights(k, self.shift):
-            probed = np.isin(rows, group.probes)
+            probed = np.flatnonzero(group.probed[rows])
             checked.append((rows[probed], heights[probed]))
             paths = group.paths.select(rows)
             heights *= np.exp(-np.outer(paths.length - self.typical, loss))
@@ -250,17 +249,16 @@ class _Panel:
                 heights *= group.gain.at(self.nodes, paths.length)
             weight = paths.weight * paths.radius**2
             delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
-            if count <= FEW_BINS:
-                total += weight @ (heights * phasors(np.outer(delay, self.nodes)))
-            else:
-                middle_of = self.frequency[count // 2] * delay
-                grid.add(delay * group.spacing, middle_of, heights.T, weight[:, None])
+            middle_of = self.frequency[count // 2] * delay
+            grid.add(delay * group.spacing, middle_of, heights.T, weight[:, None])
         probes, of_probes = (np.concatenate(each) for each in zip(*checked, strict=True))
         self._check(group.paths.select(probes), of_probes)
-        if count > FEW_BINS:
-            polynomials = chebyshev.lagrange(len(k), np.linspace(-1.0, 1.0, count))
-            total = grid.spectrum(polynomials)
-        return np.asarray(total * level)
+        polynomials = (
+            np.eye(count)
+            if count <= FEW_BINS
+            else chebyshev.lagrange(len(k), np.linspace(-1.0, 1.0, count))
+        )
+        return grid.spectrum(polynomials) * level
 
     def _check(self, some: TrunkPaths, heights: np.ndarray) -> None:
         """Compare the heights (M, Q) of some trunks, between the nodes, with partial wave sums."""
@@ -285,15 +283,17 @@ Shift = Callable[[np.ndarray], np.ndarray]  # of angles
 REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
 TURN, WIDEST_TURN = 0.75, 6.0  # radians by which H turns from the middle of a box to its side
 FULL = 40  # trunks a box; with fewer, boxes are larger
+LEAST = 0.1  # of the tolerance, for leaving out a term
 SPARSE = 2  # trunks a node of a sector's angles, below which each trunk has an angle of its own
 VALUES_AT_ONCE = 1 << 21
 
 
 class Boxes:
-    """Trunks by radius and angle: in each box their heights are a Chebyshev series of both.
+    """Trunks by radius and angle: in each box their heights are a Chebyshev series of both, whose terms of
+    high order in both are left out.
 
     angles : (C,) of the table's columns. Sectors of the angle that hold few trunks have these trunks'
-    own angles for columns.
+    own angles for columns. kept : of each order of the angle, how many of the radius.
     """
 
     def __init__(
@@ -314,6 +314,8 @@ class Boxes:
             if turn >= WIDEST_TURN or boxes * FULL <= len(radius):
                 break
             turn *= math.sqrt(2.0)
+        sizes = np.outer(self.sectors.sizes, self.bins.sizes)
+        self.kept = (sizes > LEAST * allowed).sum(axis=1).tolist()
         self.alone = np.flatnonzero(sparse[self.sectors.of])
         self.filled = np.flatnonzero(~sparse)
         of_sectors = self.sectors.points()[self.filled].ravel()
@@ -329,35 +331,40 @@ class Boxes:
         of = np.searchsorted(self.filled, sectors.of)
         of[self.alone] = len(self.filled)
         key = of * bins.count + bins.of
-        order = np.argsort(key, kind="stable")
+        few_bytes = np.min_scalar_type((len(self.filled) + 1) * bins.count)
+        order = np.argsort(key.astype(few_bytes), kind="stable")
         several = max(1, VALUES_AT_ONCE // (bins.count * bins.nodes * sectors.nodes * len(k)))
         for first in range(0, len(self.filled), several):
             last = min(first + several, len(self.filled))
-            values = self._values(k, shift, slice(first * sectors.nodes, last * sectors.nodes))
+            columns = slice(first * sectors.nodes, last * sectors.nodes)
+            series = self._series(k, shift, columns)
             ends = np.searchsorted(key, np.array([first, last]) * bins.count, sorter=order)
             for rows in _some_of(order[slice(*ends)]):
-                around, across = sectors.lagrange(rows), bins.lagrange(rows)
-                basis = (around[:, :, None] * across[:, None]).reshape(len(rows), -1)
-                box, starts = np.unique(key[rows] - first * bins.count, return_index=True)
+                across = bins.polynomials(rows)
+                around = zip(sectors.polynomials(rows), self.kept, strict=True)
+                basis = np.concatenate([one * across[:kept] for one, kept in around]).T
+                box = key[rows] - first * bins.count
+                starts = np.flatnonzero(np.diff(box, prepend=-1))
                 heights = np.empty((len(rows), len(k)), np.complex128)
-                parts = zip(
-                    box.tolist(), starts.tolist(), [*starts[1:].tolist(), None], strict=True
-                )
-                for number, start, end in parts:
+                parts = zip(starts.tolist(), [*starts[1:].tolist(), len(rows)], strict=True)
+                for start, end in parts:
                     out = heights[start:end].view(np.float64)
-                    np.matmul(basis[start:end], values[number].view(np.float64), out=out)
+                    np.matmul(basis[start:end], series[box[start]], out=out)
                 yield rows, heights
 
-    def _values(self, k: np.ndarray, shift: Shift, columns: slice) -> np.ndarray:
-        """(S·B, T, Q) at the Chebyshev points of the boxes of some sectors and all bins."""
-        radii, angles = self.bins.points(), self.angles[columns]
+    def _series(self, k: np.ndarray, shift: Shift, columns: slice) -> np.ndarray:
+        """(S·B, T, 2Q) real coefficients in the boxes of some sectors and all bins."""
+        radii, angles, nodes = self.bins.points(), self.angles[columns], self.sectors.nodes
         z = np.multiply.outer(radii, k)  # (B, A, Q)
         values = self.table.at(z.ravel(), columns)
         if shift is not middle:
             values *= np.exp(-1j * np.outer(z, shift(angles) - middle(angles)))
-        values = values.reshape(*z.shape, -1, self.sectors.nodes)  # (B, A, Q, S, C)
-        packed: np.ndarray = np.ascontiguousarray(values.transpose(3, 0, 4, 1, 2))
-        return packed.reshape(-1, self.bins.nodes * self.sectors.nodes, len(k))
+        values = values.reshape(*z.shape, -1, nodes)  # (B, A, Q, S, C)
+        packed = np.ascontiguousarray(values.transpose(3, 0, 4, 1, 2)).view(np.float64)
+        across = chebyshev.coefficients(np.eye(self.bins.nodes), 0)
+        around = zip(chebyshev.coefficients(np.eye(nodes), 0), self.kept, strict=True)
+        terms = np.concatenate([np.kron(one, across[:kept]) for one, kept in around])
+        return np.asarray(terms @ packed.reshape(-1, terms.shape[1], 2 * len(k)))
 
     def _each_alone(self, rows: np.ndarray, k: np.ndarray, shift: Shift) -> np.ndarray:
         """(m, Q) of the trunks of sparse sectors."""
@@ -387,7 +394,11 @@ class _Side:
         self.values = values
         self.low, self.span = float(values.min()), float(np.ptp(values))
         self.count = max(1, math.ceil(turn / most))
-        self.nodes = _nodes_for(turn / self.count, allowed, poles) if self.span > 0 else 1
+        self.sizes = np.ones(1)
+        if self.span > 0:
+            sizes = _term_sizes(turn / self.count, poles)
+            self.sizes = sizes[: np.count_nonzero(sizes > LEAST * allowed) + 1]
+        self.nodes = len(self.sizes)
         self.step = self.span / self.count
         share = (values - self.low) / (self.step or 1.0)
         self.of = np.minimum(share.astype(np.int64), self.count - 1)
@@ -397,23 +408,23 @@ class _Side:
         within = 0.5 * (chebyshev.points(self.nodes) + 1.0)
         return self.low + self.step * (np.arange(self.count)[:, None] + within)
 
-    def lagrange(self, rows: np.ndarray) -> np.ndarray:
-        """(m, nodes) polynomials of each value's part, which are 1 at one of its points and 0 at others."""
+    def polynomials(self, rows: np.ndarray) -> np.ndarray:
+        """(nodes, m) Chebyshev polynomials of each value's place in its part."""
         place = 2.0 * ((self.values[rows] - self.low) / (self.step or 1.0) - self.of[rows]) - 1.0
-        return np.asarray(chebyshev.lagrange(self.nodes, place).T)
+        return chebyshev.polynomials(place, self.nodes)
 
 
-def _nodes_for(turn: float, allowed: float, poles: float = 0.0) -> int:
-    """Terms of the Chebyshev series of e^{i·turn·x}, |x| <= 1: coefficients 2·i^n·J_n (DLMF 10.12.3).
+def _term_sizes(turn: float, poles: float) -> np.ndarray:
+    """(N,) largest coefficient, from each order on, of the Chebyshev series of e^{i·turn·x}, |x| <= 1:
+    2·i^n·J_n (DLMF 10.12.3).
 
     With poles at ±i·poles/turn, coefficients fall as ρ^-n, ρ from the ellipse through them, at the least.
     """
     order = np.arange(64)
-    count = int(order[2.0 * np.abs(special.jv(order, turn)) > 0.1 * allowed].max()) + 2
+    sizes = 2.0 * np.abs(special.jv(order, turn))
     if poles > 0 and turn > 0:
-        ellipse = poles / turn + math.hypot(1.0, poles / turn)
-        count = max(count, math.ceil(math.log(1.0 / allowed) / math.log(ellipse)) + 1)
-    return count
+        sizes = np.maximum(sizes, LEAST * (poles / turn + math.hypot(1.0, poles / turn)) ** -order)
+    return np.maximum.accumulate(sizes[::-1])[::-1]
 
 
 STRETCHES = (0.5, 2.0, 6.0)  # ends of the first in z; then WIDTH each

@@ -66,16 +66,10 @@ class Zone:
     rise: float
     values: Values
 
-    def lagrange(self, length: np.ndarray) -> np.ndarray:
-        """(M, Q) polynomials at lengths (M,), each 1 at its node."""
-        return chebyshev.lagrange(len(self.nodes), self._place(length)).T
-
     def polynomials(self, length: np.ndarray) -> np.ndarray:
         """(M, Q) Chebyshev polynomials at lengths (M,)."""
-        return chebyshev.polynomials(self._place(length), len(self.nodes)).T
-
-    def _place(self, length: np.ndarray) -> np.ndarray:
-        return 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
+        place = 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
+        return chebyshev.polynomials(place, len(self.nodes)).T
 
 
 @dataclass
@@ -144,9 +138,9 @@ class PathGain:
         gain = np.zeros((len(length), len(frequency)), np.complex128)
         wavenumber = 2.0 * math.pi * frequency / self.losses.air.speed()
         for zone, rows in self.zones(length):
-            values = zone.values(frequency[None], zone.nodes[:, None]).astype(np.complex128)
+            filters = self.filters(zone, frequency).astype(np.complex128)
             # real times complex, without making the polynomials complex
-            part = (zone.lagrange(length[rows]) @ values.view(np.float64)).view(np.complex128)
+            part = (zone.polynomials(length[rows]) @ filters.view(np.float64)).view(np.complex128)
             if zone.high <= self.near and zone.rise > 0:
                 detour = self.losses.detour(length[rows], zone.rise)
                 part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
