@@ -94,25 +94,25 @@ PACKAGES = {
 # studies/validation: real pulses, the same trees by several instruments.
 BUDGETS = {
     "forest_addon": (466, 3),
-    "forest_addon/acoustics": (1096, 14),
+    "forest_addon/acoustics": (1088, 14),
     "forest_addon/api": (879, 6),
     "forest_addon/base": (359, 12),
     "forest_addon/blender": (5212, 39),
-    "forest_addon/drawing": (580, 6),
+    "forest_addon/drawing": (576, 6),
     "forest_addon/flight": (1805, 12),
-    "forest_addon/formats": (3453, 29),
+    "forest_addon/formats": (3491, 29),
     "forest_addon/growth": (7966, 36),
     "forest_addon/kernels": (55, 1),
-    "forest_addon/results": (1212, 17),
-    "forest_addon/sensing": (12655, 92),
-    "forest_addon/spec": (1323, 11),
-    "forest_addon/stand": (3538, 15),
-    "forest_addon/ui": (5526, 38),
-    "headless": (1695, 15),
+    "forest_addon/results": (1202, 17),
+    "forest_addon/sensing": (12694, 92),
+    "forest_addon/spec": (1321, 11),
+    "forest_addon/stand": (3541, 15),
+    "forest_addon/ui": (5459, 38),
+    "headless": (1691, 15),
     "headless/accuracy": (584, 4),
-    "headless/commands": (1326, 17),
-    "headless/dataset": (2534, 15),
-    "headless/report": (524, 4),
+    "headless/commands": (1321, 17),
+    "headless/dataset": (2521, 15),
+    "headless/report": (522, 4),
     "studies": (167, 5),
     "studies/bench": (2060, 20),
     "studies/flight": (545, 8),
@@ -124,7 +124,7 @@ BUDGETS = {
 # Pings and claps rose by kernels in C beside numpy and by the standard errors of a tail (990, 910 before);
 # all rose by settings without effect that are said before a run, pings by receivers (857, 1000, 915 before).
 # Pulses rose by errors of joining that change along a way (843 before), pings by the terms of wood (997).
-FLOWS = {"pulse": (848, 133), "ping": (1000, 144), "clap": (902, 138)}
+FLOWS = {"pulse": (816, 117), "ping": (974, 128), "clap": (873, 122)}
 
 
 @pytest.fixture(scope="module")

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +32,16 @@ from scipy import special
 
 from .. import kernels
 from .chebyshev import Cubics
-from .disc_table import HANDOVER, LAST, tabulated, tabulated_bound, tabulated_by_kernel
+from .disc_table import (
+    HANDOVER,
+    LAST,
+    MARGIN,
+    STEPS,
+    bound_maxima,
+    by_incidence,
+    tabulated,
+    tabulated_bound,
+)
 
 MODELS = ("paper", "piston", "exact")
 
@@ -103,8 +113,10 @@ def disc_amplitudes(
         side = np.zeros(len(radius), np.int8) if side is None else side
         library.piston_discs(*given, side, *_hankel().given[2:], amplitudes)
     else:
-        late = np.full(len(radius), later)
-        tabulated_by_kernel(library, *given, late, amplitudes)
+        late, table = np.full(len(radius), later), by_incidence()
+        library.exact_discs(
+            *(*given, late, np.array(STEPS), MARGIN, table.shape[1], table, amplitudes)
+        )
         large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
         if len(large):
             size, some = wavenumber[:, None] * radius[large], incidence[large]
@@ -164,6 +176,14 @@ def amplitude_bound(
     optics = _piston_bound(lowest, highest, size, angle)
     bound[large] = np.maximum(bound[large], optics + 0.5 * size * rim)
     return bound
+
+
+def bound_tables(model: str) -> tuple[Any, ...]:
+    """Arguments of the kernel that bounds discs: the model, its lobes, and its tables."""
+    lobes = np.array(_lobes())
+    maxima = bound_maxima() if model == "exact" else np.zeros((1, 1, 1), np.float32)
+    tables = MARGIN, *maxima.shape[1:], maxima
+    return MODELS.index(model), lobes.shape[1], lobes, *_hankel().given[2:], *tables
 
 
 def _acute(incidence: ArrayLike) -> np.ndarray:

@@ -17,7 +17,6 @@ import platform
 from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,6 +33,7 @@ MISSED, RIPPLE = 1.5, 0.1
 MARGIN = 10  # points beyond the domain: what a spline does at its end has decayed by a factor of 4 a point
 KA_STEP, KA_SHIFT = 0.008, 1.0
 ANGLE_STEP, ANGLE_SHIFT = 0.00175, 0.03
+STEPS = KA_STEP, KA_SHIFT, ANGLE_STEP, ANGLE_SHIFT, LAST
 
 
 def tabulated_ka() -> np.ndarray:
@@ -73,19 +73,12 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return np.asarray(total * level(ka))
 
 
-def tabulated_by_kernel(library: Any, *given: Any) -> None:
-    """Call the library's ``exact_discs`` with all but the table; the last one given is the result."""
-    steps = np.array([KA_STEP, KA_SHIFT, ANGLE_STEP, ANGLE_SHIFT, LAST])
-    table = _by_incidence()
-    library.exact_discs(*given[:-1], steps, MARGIN, table.shape[1], table, given[-1])
-
-
 def tabulated_bound(lowest: np.ndarray, highest: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Upper bound (M,) of |k·f|/ka of ``tabulated`` from ``lowest`` to ``highest`` (ka), (M,) each.
 
     A spline nowhere exceeds the largest of the four by four coefficients that it is made of there.
     """
-    maxima = _maxima()
+    maxima = bound_maxima()
     first, last = _cell_of_ka(lowest)[0], _cell_of_ka(highest)[0]
     column = _cell_of_angle(angle)[0] // 2
     doubling = (
@@ -119,7 +112,7 @@ def _splines() -> np.ndarray:
 
 
 @lru_cache(maxsize=1)
-def _by_incidence() -> np.ndarray:
+def by_incidence() -> np.ndarray:
     """(V, U) the same, by incidence."""
     return np.ascontiguousarray(_splines().T)
 
@@ -152,7 +145,7 @@ def _make_splines() -> np.ndarray:
 
 
 @lru_cache(maxsize=1)
-def _maxima() -> np.ndarray:
+def bound_maxima() -> np.ndarray:
     """(D, U - 3, V/2) float32: no |k·f|/ka over 1, 2, 4, … cells of ka, from each on, and two of the
     incidence, is larger."""
     return kept_table("disc-maxima", _version(), _make_maxima)

@@ -55,7 +55,22 @@ def draw_flight(flight: PingSeries, sonar: Sonar, leaves: np.ndarray, stems: np.
     figure = blank_figure((13.5, 8.2))
     grid = figure.add_gridspec(1, 2, width_ratios=(1.1, 1))
     _map(figure.add_subplot(grid[0, 0]), flight.echoes, sonar, leaves, stems)
-    _waveforms(figure.add_subplot(grid[0, 1]), flight)
+    axes = figure.add_subplot(grid[0, 1])  # each echo to its own height, with its peak level
+    shown = flight.echoes[:LINES]
+    for number, echo in enumerate(shown):
+        wave = echo.heard_waveforms[0]
+        peak = float(np.abs(wave).max(initial=0.0))
+        axes.plot(echo.time * 1e3, -number + 0.45 * wave / (peak or 1.0), color=INK, linewidth=0.35)
+        level = f"{20 * math.log10(peak):.0f} dB" if peak else "silence"
+        axes.annotate(
+            level, (1.0, -number), xycoords=("axes fraction", "data"), xytext=(3, 0),
+            textcoords="offset points", fontsize=7,
+        )  # fmt: skip
+    axes.set_yticks([-n for n in range(len(shown))], [f"{n + 1}" for n in range(len(shown))])
+    axes.set_ylabel("pose")
+    axes.set_xlabel("ms after the call")
+    axes.set_title("Echoes, each to its own height; peak re call at 1 m")
+    axes.margins(x=0)
     return figure
 
 
@@ -221,25 +236,6 @@ def _image(axes: Axes, level: np.ndarray, extent: tuple[float, ...]) -> None:
         rasterized=True,
     )
     axes.set_ylabel("kHz")
-
-
-def _waveforms(axes: Axes, flight: PingSeries) -> None:
-    """Waveforms at the first ear, each drawn to its own height, with its peak level."""
-    shown = flight.echoes[:LINES]
-    for number, echo in enumerate(shown):
-        wave = echo.heard_waveforms[0]
-        peak = float(np.abs(wave).max(initial=0.0))
-        axes.plot(echo.time * 1e3, -number + 0.45 * wave / (peak or 1.0), color=INK, linewidth=0.35)
-        level = f"{20 * math.log10(peak):.0f} dB" if peak else "silence"
-        axes.annotate(
-            level, (1.0, -number), xycoords=("axes fraction", "data"), xytext=(3, 0),
-            textcoords="offset points", fontsize=7,
-        )  # fmt: skip
-    axes.set_yticks([-n for n in range(len(shown))], [f"{n + 1}" for n in range(len(shown))])
-    axes.set_ylabel("pose")
-    axes.set_xlabel("ms after the call")
-    axes.set_title("Echoes, each to its own height; peak re call at 1 m")
-    axes.margins(x=0)
 
 
 def _level(size: np.ndarray, floor: float = 1e-9) -> np.ndarray:

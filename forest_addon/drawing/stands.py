@@ -50,7 +50,27 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
     axes.set_ylim(low[1] - room, high[1] + room)
     _name_axes(axes)
     axes.set_title(strip.title)
-    _name_species(axes, stand, labels)
+    counts, density = stand.counts(), stand.density() * 1e4
+    shown = sorted(range(len(labels)), key=lambda k: -counts[k])[:LEGEND]
+    handles = [
+        Line2D([], [], marker="o", linestyle="none", markersize=7, color=species_colour(k))
+        for k in shown
+    ]
+    each = [f"{d:,.0f}" if d >= 10 else f"{d:.2g}" for d in density]
+    names = [f"{labels[k]}\n{counts[k]:,} trees, {each[k]}/ha" for k in shown]
+    if len(labels) > len(shown):
+        handles.append(Line2D([], [], linestyle="none"))
+        names.append(f"and {len(labels) - len(shown)} more")
+    if handles:
+        axes.legend(
+            handles,
+            names,
+            loc="upper left",
+            bbox_to_anchor=(1.01, 1.0),
+            borderaxespad=0.0,
+            labelspacing=1.0,
+            handletextpad=0.3,
+        )
     return figure
 
 
@@ -89,30 +109,6 @@ def _show_contours(
     x, y = points[:columns, 0], points[::columns, 1]
     lines = axes.contour(x, y, height, levels=10, colors="#8a7f6b", linewidths=0.6, zorder=1)
     axes.clabel(lines, fmt="%g m", fontsize=7)
-
-
-def _name_species(axes: Axes, stand: Stand, labels: Sequence[str]) -> None:
-    counts, density = stand.counts(), stand.density() * 1e4
-    shown = sorted(range(len(labels)), key=lambda k: -counts[k])[:LEGEND]
-    handles = [
-        Line2D([], [], marker="o", linestyle="none", markersize=7, color=species_colour(k))
-        for k in shown
-    ]
-    each = [f"{d:,.0f}" if d >= 10 else f"{d:.2g}" for d in density]
-    names = [f"{labels[k]}\n{counts[k]:,} trees, {each[k]}/ha" for k in shown]
-    if len(labels) > len(shown):
-        handles.append(Line2D([], [], linestyle="none"))
-        names.append(f"and {len(labels) - len(shown)} more")
-    if handles:
-        axes.legend(
-            handles,
-            names,
-            loc="upper left",
-            bbox_to_anchor=(1.01, 1.0),
-            borderaxespad=0.0,
-            labelspacing=1.0,
-            handletextpad=0.3,
-        )
 
 
 def draw_site(

@@ -75,7 +75,12 @@ def sound_plot(samples: np.ndarray, sample_rate: float, decay: bool = False) -> 
     if decay and len(audible):
         from ..sensing.reverb import metrics
 
-        _draw_curve(level, metrics.energy_decay_db(samples)[: len(part)])
+        fallen = metrics.energy_decay_db(samples)[: len(part)]  # dB re the top, drawn as a line
+        shown = fallen[np.linspace(0, len(fallen) - 1, WIDE).astype(int)]
+        row = np.maximum((1.0 + shown / DEPTH_DB) * (HIGH - 1), 0.0).astype(int)
+        before = np.concatenate([row[:1], row[:-1]])
+        for column, (a, b) in enumerate(zip(before, row, strict=True)):
+            level[max(min(a, b) - 1, 0) : max(a, b) + 2, column] = CURVE
         title = keep("Level and energy decay curve")
     spectrogram, low, high = _spectrogram(part, sample_rate)
     milliseconds = 1e3 * len(part) / sample_rate
@@ -208,15 +213,6 @@ def _level(size: np.ndarray, floor: float) -> np.ndarray:
     height = np.log(np.maximum(largest / floor, 1.0)) / np.log(10.0 ** (DEPTH_DB / 20.0))
     row = (np.arange(HIGH) + 0.5)[:, None] / HIGH
     return np.where((row < height)[..., None], INK, PAPER)
-
-
-def _draw_curve(pixels: np.ndarray, level: np.ndarray) -> None:
-    """Draw dB re the top, not below ``DEPTH_DB`` of it, as a line over a strip."""
-    shown = level[np.linspace(0, len(level) - 1, WIDE).astype(int)]
-    row = np.maximum((1.0 + shown / DEPTH_DB) * (HIGH - 1), 0.0).astype(int)
-    before = np.concatenate([row[:1], row[:-1]])
-    for column, (a, b) in enumerate(zip(before, row, strict=True)):
-        pixels[max(min(a, b) - 1, 0) : max(a, b) + 2, column] = CURVE
 
 
 def _spectrogram(samples: np.ndarray, sample_rate: float) -> tuple[np.ndarray, float, float]:

@@ -74,7 +74,8 @@ def nodes(place: np.ndarray, edge: float) -> Iterator[tuple[tuple[int, int, int,
             return
         across = 2**depth
         at = np.minimum((place[left] / edge * across).astype(np.int64), across - 1)
-        cube, count = _numbered(at, across)
+        # of each point the number of its node, and how many points each node has
+        _, cube, count = np.unique(_keys(at, across), return_inverse=True, return_counts=True)
         grid = np.minimum(
             (place[left] / edge * across * CELLS).astype(np.int64), across * CELLS - 1
         )
@@ -87,12 +88,6 @@ def nodes(place: np.ndarray, edge: float) -> Iterator[tuple[tuple[int, int, int,
         for points, corner in zip(np.split(here, ends), where[np.r_[0, ends]], strict=True):
             yield (depth, int(corner[0]), int(corner[1]), int(corner[2])), np.sort(points)
         left = left[~taken]
-
-
-def _numbered(at: np.ndarray, across: int) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) number of the node that each point is in, and how many points each node has."""
-    _, number, count = np.unique(_keys(at, across), return_inverse=True, return_counts=True)
-    return number, count
 
 
 def _keys(at: np.ndarray, across: int) -> np.ndarray:

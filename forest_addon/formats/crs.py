@@ -13,6 +13,7 @@ from ..spec.forest import METRES
 
 EPSG_UNITS = {9001: METRES["m"], 9002: METRES["ft"], 9003: METRES["us-ft"]}
 
+AWAY = 10.0  # degrees beside a system's area of use, beyond which places are taken for a slip
 URN = re.compile(r"urn:ogc:def:crs:(\w+):[^:]*:")
 
 
@@ -125,17 +126,28 @@ def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]
     import pyproj
 
     known = _known(source)
+    east, north = place.mean(axis=0) if len(place) else (0.0, 0.0)
     if not target and known.is_geographic:
-        east, north = place.mean(axis=0)
         raise SpecError(
             "crs",
-            f'coordinates are degrees; name a system in metres, as "{metric_near(east, north)}": --crs of a '
-            "command, crs of a scene",
+            f'coordinates are degrees; name a system in metres, as "{metric_near(east, north)}" at '
+            f"{north:.3g} north and {east:.3g} east: --crs of a command, crs of a scene",
         )
     if not target:
         authority, metres = known.to_authority(), metres_of(source)[0]
         return place * metres, ":".join(authority) if authority and metres == 1 else ""
     change = pyproj.Transformer.from_crs(known, _known(target), always_xy=True)
+    area = _known(target).area_of_use
+    if known.is_geographic and area is not None and len(place):
+        wide = ((area.east - area.west) % 360.0 or 360.0) + 2 * AWAY
+        if (
+            east - area.west + AWAY
+        ) % 360.0 > wide or not area.south - AWAY < north < area.north + AWAY:
+            raise SpecError(
+                "crs",
+                f"coordinates of {east:.3g} degrees east and {north:.3g} north are far from where {target} "
+                "is used; exchange them if they are latitude and longitude, or name another system",
+            )
     return metres_of(target)[0] * np.array(change.transform(*place.T)).T, target
 
 

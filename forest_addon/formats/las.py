@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 import struct
 import tempfile
-from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
 
@@ -125,7 +124,13 @@ def write_las(
         header.vlrs.append(WktCoordinateSystemVlr(wkt))
     own = None if labels is None else _classes(labels)
     if labels is not None:
-        header.vlrs.append(_lookup(labels.names[:CLASSES]))
+        # names of classes: 256 times a number and 15 letters (LAS 1.4, table 29)
+        letters = [name.encode("ascii", "replace")[:15] for name in labels.names[:CLASSES]]
+        body = b"".join(
+            struct.pack("<B15s", OWN_CLASSES + k, name) for k, name in enumerate(letters)
+        )
+        body = body.ljust(256 * 16, b"\0")
+        header.vlrs.append(laspy.VLR("LASF_Spec", 0, "Classification Lookup", body))
     try:
         with replacing(path) as partial, laspy.open(str(partial), mode="w", header=header) as file:
             for first in range(0, len(rows), ROWS_AT_ONCE):
@@ -236,13 +241,6 @@ def _classes(labels: Labels) -> np.ndarray:
     """(P,) uint8 classes of points."""
     known = (labels.number >= 0) & (labels.number < CLASSES)
     return np.where(known, OWN_CLASSES + labels.number, 1).astype(np.uint8)
-
-
-def _lookup(names: Sequence[str]) -> laspy.VLR:
-    """The record of the names of classes: 256 times a number and 15 letters (LAS 1.4, table 29)."""
-    lines = [(OWN_CLASSES + k, name.encode("ascii", "replace")) for k, name in enumerate(names)]
-    body = b"".join(struct.pack("<B15s", number, name[:15]) for number, name in lines)
-    return laspy.VLR("LASF_Spec", 0, "Classification Lookup", body.ljust(256 * 16, b"\0"))
 
 
 def intensity_level(amplitude: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -26,6 +27,7 @@ from ..spec import SpecError
 from ..spec.forest import METRES
 from .crs import can_tell_crs, metres_of, metric_near, unit_named
 from .foreign import guarded
+from .tree_map import column_of, pairs_of
 
 MOST_PIXELS = 100_000_000
 MOST_SAMPLES = 16  # of a pixel
@@ -40,6 +42,20 @@ RGB = 2  # of TIFF's photometric interpretation
 NOTHING = (-9999.0, -99999.0, -32768.0, -32767.0)  # no height or amount, said or not
 ENDLESS = 1e38  # beyond are the largest floats, which stand for nothing
 LOWEST, HIGHEST = -500.0, 9000.0  # m, of ground
+HEIGHTS = (
+    "z",
+    "h",
+    "height",
+    "elevation",
+    "elev",
+    "altitude",
+    "alt",
+    "hoehe",
+    "hohe",
+    "dtm",
+    "dgm",
+)
+DEGREES = 0.01  # a step below which numbers that may be degrees are degrees
 POINTS, CLOUDS = (".xyz", ".txt", ".csv"), (".las", ".laz")
 GROUND_CLASS, MOST_POINTS = (
     2,
@@ -152,7 +168,7 @@ def read_raster(path: Path) -> GeoRaster:
     if ending == ".asc":
         return _read_ascii_grid(path)
     if ending in POINTS:
-        return _gridded(_read_points(path), *_system_beside(path))
+        return _gridded(path, _read_points(path), *_system_beside(path))
     if ending in CLOUDS:
         return _read_ground(path)
     if ending == ".npy":
@@ -258,16 +274,28 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
         transform[:, 2] -= transform[:, :2].sum(axis=1) / 2
     codes = [int(keys.get(f"{kind}CSTypeGeoKey", OWN)) for kind in ("Projected", "Vertical")]
     crs = f"EPSG:{codes[0]}" if codes[0] != OWN else ""
-    if keys.get("GTModelTypeGeoKey") == GEOGRAPHIC:
-        near = metric_near(*transform[:, 2])
-        raise SpecError(
-            str(path), f"lies in degrees; project it, as by gdalwarp -t_srs {near} IN.tif OUT.tif"
-        )
+    _refuse_degrees(path, crs, transform, keys.get("GTModelTypeGeoKey") == GEOGRAPHIC)
     flat = unit_named(keys.get("ProjLinearUnitsGeoKey"), 1.0)
     whole = [f"{crs}+{codes[1]}"] if crs and codes[1] != OWN else []
     flat, up = _units_of(path, [*whole, crs], flat)  # some give a datum for the system of heights
     up = unit_named(keys.get("VerticalUnitsGeoKey"), up)
     return GeoRaster(np.zeros((0, 0)), flat * transform, crs, up), told
+
+
+def _refuse_degrees(path: Path, crs: str, transform: np.ndarray, known: bool = False) -> None:
+    """Refuse what is known to lie in degrees, or does by its small steps and no system's name.
+
+    Raises
+    ------
+    SpecError : says how to project it.
+    """
+    step, (east, north) = np.abs(transform[:, :2]).max(), transform[:, 2]
+    if known or (not crs and step < DEGREES and abs(east) <= 180 and abs(north) <= 90):
+        raise SpecError(
+            str(path),
+            f"lies in degrees; project it, as by gdalwarp -t_srs {metric_near(east, north)} {path.name} "
+            "OUT.tif",
+        )
 
 
 def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, Any]) -> GeoRaster:
@@ -313,6 +341,7 @@ def _read_ascii_grid(path: Path) -> GeoRaster:
     ]
     crs, flat, up = _system_beside(path)
     place = _north_up(corner[0], corner[1] + rows * size[1], size)
+    _refuse_degrees(path, crs, place)
     told = {METADATA: "", NO_DATA: said.get("nodata_value", -9999.0)}
     raster = GeoRaster(values, flat * place, crs, up)
     return _numbers(path, values.reshape(rows, columns, 1), raster, told)
@@ -337,12 +366,29 @@ def _units_of(path: Path, systems: list[str], otherwise: float) -> tuple[float, 
 
 
 def _read_points(path: Path) -> np.ndarray:
-    """(N, 3) x, y and height of a text of columns, perhaps below a line of names."""
+    """(N, 3) x, y and height of a text of columns, in metres; they are the first three where no line above
+    names them.
+
+    Raises
+    ------
+    SpecError : the line above names others.
+    """
     text = path.read_text("utf-8-sig", errors="replace")
     text = text.replace(",", ".") if ";" in text else text.replace(",", " ")
     lines = text.replace(";", " ").splitlines()
     first = next((k for k, line in enumerate(lines) if line[:1] in "-.0123456789 \t"), 0)
-    return np.loadtxt(lines[first:], usecols=(0, 1, 2), ndmin=2)
+    head = re.findall(r"[^\s\"#/]+", lines[first - 1]) if first else ["x", "y", "z"]
+    both = next(filter(all, pairs_of(path, head)), [])
+    up = column_of(path, head, {}, "height", HEIGHTS)
+    if not both or up is None:
+        raise SpecError(
+            str(path), "does not name its columns x, y and z; name them so in its first line"
+        )
+    at, units, _ = zip(*filter(None, both), up, strict=True)
+    points = np.loadtxt(lines[first:], usecols=at, ndmin=2) * units
+    if re.search("lon|lng", head[at[0]].lower()):
+        _refuse_degrees(path, "", np.column_stack([np.eye(2), points[0, :2]]), True)
+    return points
 
 
 def _read_ground(path: Path) -> GeoRaster:
@@ -360,10 +406,10 @@ def _read_ground(path: Path) -> GeoRaster:
         raise SpecError(str(path), "has no points of class 2, ground; classify it first")
     ground = ground[:: len(ground) // MOST_POINTS + 1]
     system = cloud.header.parse_crs() if can_tell_crs() else None
-    return _gridded(ground, system.to_wkt() if system else "", 1.0, 1.0)
+    return _gridded(path, ground, system.to_wkt() if system else "", 1.0, 1.0)
 
 
-def _gridded(points: np.ndarray, crs: str, flat: float, up: float) -> GeoRaster:
+def _gridded(path: Path, points: np.ndarray, crs: str, flat: float, up: float) -> GeoRaster:
     """Points (N, 3) as a raster: the grid that they stand on, gaps without height; of scattered points what
     is linear between them, on pixels of one point each, and no farther from them than two."""
     points = points[np.isfinite(points).all(axis=1) & ~np.isin(points[:, 2], NOTHING)]
@@ -386,6 +432,7 @@ def _gridded(points: np.ndarray, crs: str, flat: float, up: float) -> GeoRaster:
         y, x = np.mgrid[:rows, :columns] + 0.5
         middle = np.stack([low[0] + x * size[0], high[1] - y * size[1]], axis=-1)
         pixels = linear_between(points[:, :2] - low, points[:, 2], middle - low, 2 * size[0])
+    _refuse_degrees(path, crs, edge)
     return GeoRaster(pixels, flat * edge, crs, up, note)
 
 
@@ -409,7 +456,9 @@ def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
     """
     with open(path, "rb") as file:
         start = file.read(4)
-    own = {PNG: _read_png} | dict.fromkeys(TIFF, partial(_read_tiff, raw=raw))
+    own: dict[bytes, Callable[[Path], tuple[np.ndarray, float]]] = {
+        PNG: lambda file: read_png(file.read_bytes())
+    } | dict.fromkeys(TIFF, partial(_read_tiff, raw=raw))
     readers = [own[start]] if start in own else []
     why = "" if readers else "it is neither PNG nor TIFF"
     if start[:2] != b"MM":  # which Pillow takes for little-endian where it is packed
@@ -423,10 +472,6 @@ def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
             why = why or " ".join(str(problem).split()) or type(problem).__name__
     more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
     raise SpecError("", f"cannot be read ({why}); save it as PNG, TIFF or npy{more}")
-
-
-def _read_png(path: Path) -> tuple[np.ndarray, float]:
-    return read_png(path.read_bytes())
 
 
 def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:

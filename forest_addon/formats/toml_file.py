@@ -292,7 +292,7 @@ def explain(problem: BaseException, cls: type[Settings]) -> SpecError:
     path = ""
     while isinstance(problem, BaseValidationError):
         # A misspelt key also leaves its right name missing: name the unknown key first.
-        problem = min(problem.exceptions, key=_urgency)
+        problem = min(problem.exceptions, key=lambda one: isinstance(one, KeyError))
         for note in getattr(problem, "__notes__", []):
             if isinstance(note, AttributeValidationNote):
                 path += ("." if path else "") + note.name
@@ -305,10 +305,6 @@ def explain(problem: BaseException, cls: type[Settings]) -> SpecError:
         key = str(problem.args[0])
         return SpecError(path or key, "is missing; it has no default")
     return SpecError(path or cls.__name__, str(problem))
-
-
-def _urgency(problem: BaseException) -> int:
-    return 1 if isinstance(problem, KeyError) else 0
 
 
 @lru_cache(maxsize=8)  # it writes its own code, which takes longer than a scene file

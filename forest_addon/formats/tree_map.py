@@ -43,7 +43,7 @@ PLACES = (  # names of x and y, the first pair that a table has
     *("rechtswert hochwert", "ostwert nordwert", "xl93 yl93", "xlambert93 ylambert93", "est nord"),
     *("rechts hoch", "gausskrugerrechts gausskrugerhoch", "gkrechts gkhoch"),
     *("e n", "longitude latitude", "lon lat", "long lat", "lng lat"),
-    "decimallongitude decimallatitude",
+    *("decimallongitude decimallatitude", "longitudedeg latitudedeg", "londeg latdeg"),
 )
 COLUMNS = {
     "species": "species kind planting sp spp spcode speciescode scientificname taxonid treespecies "
@@ -52,11 +52,12 @@ COLUMNS = {
     "status": "status treestatus plantstatus dfstatus statuscd zustand etat dead tot mort "
     "alive live lebend vivant",
     "plot": "plot plotid subplot subp",
+    "census": "census year invyr measyear jahr annee aufnahmejahr",
     "scale": "scale",
     "rotation": "rotation turn",
     "dbh": "dbh bhd d13 d130 dhp dap stemdiameter dia diam diameter durchmesser diametre "
     "brusthohendurchmesser brusthoehendurchmesser diameterbreastheight",
-    "girth": "gbh girth circumference c13 c130 umfang circonference",
+    "girth": "gbh cbh girth circumference c13 c130 umfang circonference",
     "height": "height h ht hoehe hohe baumhohe baumhoehe hauteur htot treeheight totalheight actualht",
     "crown_width": "crownwidth crowndiameter crowndiam maxcrowndiameter kronendurchmesser "
     "kronenbreite crownspread diametrehouppier",
@@ -81,7 +82,7 @@ UNITS = {  # of columns that are no lengths, the first without a word
 USUAL = {"dia": "in", "stemdiameter": "cm", "azpr": "gon"}  # of FIA, NEON and the French inventory
 FIA = {"ht": "ft", "actualht": "ft", "dist": "ft"}  # beside a column of FIA's own
 FIA_OWN = {"spcd", "statuscd"}
-TEXTS = ("species", "ring", "status", "plot")
+TEXTS = ("species", "ring", "status", "plot", "census")
 NUMBERS = ("scale", "rotation", "dbh", "height", "crown_width", "crown_base", "leaf_area")
 ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
 GONE = (  # with letters of ForestGEO and numbers of FIA
@@ -96,10 +97,11 @@ GONE = (  # with letters of ForestGEO and numbers of FIA
         "tot",
         "abgestorben",
     ),
+    *("dead standing", "dead fallen", "stump", "cut", "felled", "fallen", "harvested", "gefällt"),
     *("mort", "morte", "d", "g", "m", "2", "3"),
 )
-YES = ("1", "true", "t", "yes", "y", "ja", "oui", "x", "dead")
-NO = ("0", "false", "f", "no", "n", "nein", "non", "dead")
+YES = ("1", "true", "t", "yes", "y", "ja", "oui", "wahr", "vrai", "x", "dead")
+NO = ("0", "false", "f", "no", "n", "nein", "non", "falsch", "faux", "dead")
 LIVING = ("alive", "live", "lebend", "vivant")
 MOST = 500_000_000  # bytes of a table
 PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
@@ -107,7 +109,11 @@ LIKE = 0.8  # of a column's name, beyond which it is a slip of the keyboard
 STEMS = 50  # rows at one place that may be one tree
 CROWDED = 0.02  # m² a tree, below which numbers that may be degrees are degrees
 DEGREES = "EPSG:4326"
-THOUSANDS = re.compile(r"-?\d{1,3},\d{3}")
+NOTES = ("#", "sep=", "SEP=")  # how lines begin that hold no cells; the last are Excel's
+TITLES = 10  # rows above a header
+# By the mark in them: numbers with decimals, and those that are thousands where decimals have the other mark.
+DECIMAL = {mark: re.compile(rf"-?\d+[{mark}]\d+") for mark in ".,"}
+THOUSANDS = {mark: re.compile(rf"-?\d{{1,3}}[{mark}]\d{{3}}") for mark in ".,"}
 
 
 @dataclass(frozen=True)
@@ -140,7 +146,7 @@ class _Sheet:
     head: list[str]
     rows: list[tuple[int, list[str]]]
     crs: str = ""
-    commas: bool = False  # between columns
+    thousands: str = ""  # marks in numbers that may be of thousands
     said: list[str] = field(default_factory=list)
     columns: dict[str, tuple[int, float, str]] = field(default_factory=dict)
 
@@ -166,14 +172,15 @@ class _Sheet:
         for row, told in enumerate(self.texts(key)):
             if told.lower() in ABSENT:
                 continue
-            point = "." in told or (self.commas and THOUSANDS.fullmatch(told))
             with suppress(ValueError):
-                numbers[row] = float(told if point else told.replace(",", ".", 1))
-            if not math.isfinite(numbers[row]):
+                numbers[row] = float(told if "." in told else told.replace(",", ".", 1))
+            unsure = any(THOUSANDS[mark].fullmatch(told) for mark in self.thousands)
+            if unsure or not math.isfinite(numbers[row]):
+                why = "which may be thousands" if unsure else "not a finite number"
                 raise SpecError(
                     str(self.path),
-                    f'row {self.rows[row][0]}: {key} is "{told}", not a finite number; use metres with a '
-                    "decimal point",
+                    f'row {self.rows[row][0]}: {key} is "{told}", {why}; use one kind of decimals '
+                    "throughout, without units and without marks of thousands",
                 )
         return numbers * self.columns[key][1] if key in self.columns else numbers
 
@@ -196,9 +203,15 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     found["dbh"] = np.fmax(found["dbh"], found["girth"] / np.pi)
     found["crown_width"] = np.fmax(found["crown_width"], 2 * np.sqrt(found["crown_area"] / np.pi))
     line = np.array([line for line, _ in sheet.rows], dtype=np.int64)
+    groups = [*zip(sheet.texts("plot"), sheet.texts("census"), strict=True)]
     species = np.array(sheet.texts("species"), dtype=np.str_)
     numbers = np.column_stack([found[key] for key in NUMBERS]).reshape(-1, len(NUMBERS))
-    here, alive = np.isfinite(position).all(axis=1), ~_dead(sheet)
+    here = np.isfinite(position).all(axis=1)
+    told = [text.casefold().partition(",")[0].strip() for text in sheet.texts("status")]
+    if others := sorted({*told} - {*GONE, *YES, *NO, *LIVING, "", "a", "l", "p"})[:STEMS]:
+        sheet.said.append(f"{path.name}: taken for living: status {', '.join(others)}")
+    words = {"dead": YES, "tot": YES, "mort": YES} | dict.fromkeys(LIVING, NO)
+    alive = ~np.isin(told, words.get(sheet.name("status"), GONE))
     for rows, what in ((~here, "without x or y"), (here & ~alive, "of dead trees")):
         if rows.any():
             count = "1 row" if rows.sum() == 1 else f"{rows.sum():,} rows"
@@ -207,7 +220,7 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     position, crs = _projected(sheet, position[keep], crs)
     said = (f"{len(keep):,} trees of {path.name}: {columns}", *sheet.said)
     trees = TreeMap(position, species[keep], line[keep], numbers[keep], said, crs)
-    return _with_stems(path, trees)
+    return _with_stems(path, trees, [groups[row] for row in keep])
 
 
 @guarded("a CSV file with columns x, y and ring", most=MOST)
@@ -244,9 +257,9 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     """
     whole = {"".join(_plain(name)): at for at, name in enumerate(head)}
     usual = USUAL | (FIA if FIA_OWN & set(whole) else {})
-    column = partial(_column, path, head, usual)
+    column = partial(column_of, path, head, usual)
     columns = {key: one for key, names in COLUMNS.items() if (one := column(key, names.split()))}
-    pairs = [[column("x", [name]) for name in names.split()] for names in PLACES]
+    pairs = pairs_of(path, head)
     both = next(filter(all, pairs), None)
     if both:
         columns |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
@@ -260,10 +273,17 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     return columns
 
 
-def _column(
+def pairs_of(path: Path, head: Sequence[str]) -> list[list[tuple[int, float, str] | None]]:
+    """Columns of x and y by each of ``PLACES``."""
+    return [[column_of(path, head, {}, "x", [name]) for name in pair.split()] for pair in PLACES]
+
+
+def column_of(
     path: Path, head: Sequence[str], usual: Mapping[str, str], key: str, names: Sequence[str]
 ) -> tuple[int, float, str] | None:
-    """Place of the column with the first of these names, and its unit; None without one."""
+    """Place of the column with the first of these names, its unit in ours and the unit's name; None without
+    one.
+    """
     units = {"": 1.0} if key in TEXTS else UNITS.get(key, LENGTHS)
     plain = [_plain(name) for name in head]
     for name in names:
@@ -293,7 +313,8 @@ def _plain(name: str) -> list[str]:
 
 def _words(sheet: _Sheet) -> str:
     """Say which columns were taken for what, and which were not used."""
-    columns = {key: one for key, one in sheet.columns.items() if key not in ("ring", "plot")}
+    aside = ("ring", "plot", "census")
+    columns = {key: one for key, one in sheet.columns.items() if key not in aside}
     taken = [
         f"{key} = {sheet.head[at].strip()}{f' ({unit})' if unit else ''}"
         for key, (at, _, unit) in sorted(columns.items(), key=lambda item: item[1][0])
@@ -301,7 +322,10 @@ def _words(sheet: _Sheet) -> str:
     used = {at for at, *_ in columns.values()}
     left = [name.strip() for at, name in enumerate(sheet.head) if at not in used and name.strip()]
     missing = {
-        word: key for key in {*COLUMNS} - {*columns} for word in COLUMNS[key].split() if word[3:]
+        word: key
+        for key in {*COLUMNS} - {*sheet.columns}
+        for word in COLUMNS[key].split()
+        if word[3:]
     }
     for name in left:
         near = get_close_matches("".join(_plain(name)), missing, 1, LIKE)
@@ -330,19 +354,14 @@ def _position(sheet: _Sheet) -> np.ndarray:
         )
     else:
         place = np.zeros_like(place)
+    if np.nanmin(distance, initial=0.0) < 0:
+        raise SpecError(str(sheet.path), "has distances below 0; give each as a length from 0 on")
     if np.nanmax(azimuth, initial=0.0) > 2 * np.pi + 1e-9:
         raise SpecError(
             str(sheet.path), "has azimuths above 360 degrees; call the column azimuth_gon"
         )
     sheet.said.append("x and y follow from distance and azimuth, clockwise from north")
     return place + distance[:, None] * np.column_stack([np.sin(azimuth), np.cos(azimuth)])
-
-
-def _dead(sheet: _Sheet) -> np.ndarray:
-    """(N,) bool, which rows say that their tree is dead or gone."""
-    told = [text.casefold().partition(",")[0].strip() for text in sheet.texts("status")]
-    name = sheet.name("status")
-    return np.isin(told, YES if name in ("dead", "tot", "mort") else NO if name in LIVING else GONE)
 
 
 def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, str]:
@@ -354,9 +373,9 @@ def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, 
     """
     if not len(place) or ("distance" in sheet.columns and "x" not in sheet.columns):
         return place, crs
-    wide = np.prod(np.ptp(place, axis=0)) / len(place)
-    degrees = sheet.name("x").endswith(("lon", "longitude", "long", "lng")) or (
-        len(place) > 2 and 0 < wide < CROWDED and (np.abs(place) <= [180.0, 90.0]).all()
+    wide = np.ptp(place, axis=0).max() ** 2 / len(place)
+    degrees = re.search("lon|lng", sheet.name("x")) or (
+        0 < wide < CROWDED and (np.abs(place) <= [180.0, 90.0]).all()
     )
     source = sheet.crs or (DEGREES if degrees else "")
     if not source:
@@ -367,12 +386,14 @@ def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, 
     return position, system
 
 
-def _with_stems(path: Path, trees: TreeMap) -> TreeMap:
+def _with_stems(path: Path, trees: TreeMap, groups: Sequence[tuple[str, str]]) -> TreeMap:
     """The trees with rows at one place joined: basal areas add up, of all else the largest counts.
+
+    groups : (N,) plot and census of each row.
 
     Raises
     ------
-    SpecError : more rows at one place than a tree has stems.
+    SpecError : more rows at one place than a tree has stems, or of different plots or censuses.
     """
     place = np.round(trees.position, 3)
     _, first, tree, stems = np.unique(
@@ -385,6 +406,12 @@ def _with_stems(path: Path, trees: TreeMap) -> TreeMap:
             str(path),
             f"has {stems.max():,} rows at one place, as of a plot; give the place of each tree, or its "
             "distance and azimuth",
+        )
+    if len({*zip(tree.ravel().tolist(), groups, strict=True)}) > len(first):
+        raise SpecError(
+            str(path),
+            "has rows of several plots or years at one place; give each its own table, or each plot its "
+            "coordinates",
         )
     at, numbers = NUMBERS.index("dbh"), np.full((len(first), len(NUMBERS)), np.nan)
     np.fmax.at(numbers, tree.ravel(), trees.numbers)
@@ -425,7 +452,8 @@ def _text(path: Path) -> _Sheet:
         with gzip.open(path) as file:
             data = file.read(PACKED * len(data) + 1_000_001)
             _unpacked(path, len(data))
-    said, encoding = [], "utf-16-le" if data[1:2] == b"\0" else "utf-8-sig"
+    said, first = [], data[:2].find(b"\0")
+    encoding = {0: "utf-16-be", 1: "utf-16-le"}.get(first, "utf-8-sig")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
         encoding = "utf-16"
     try:
@@ -433,31 +461,43 @@ def _text(path: Path) -> _Sheet:
     except UnicodeDecodeError:
         text = data.decode("cp1252")
         said = [f"{path.name}: is not UTF-8; read as Windows' cp1252"]
-    lines = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
-    head = lines[0] if lines else ""
-    if head.lower().startswith("sep="):  # Excel's own line
-        separator, head = head[4:5], ""
-    else:
-        bare = re.sub(r'"[^"]*"', "", head)
-        separator = max(";\t|,", key=bare.count)
-        separator = separator if separator in bare else " "
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(NOTES)]
+    bare = {line: re.sub(r'"[^"]*"| ', "", line) for line in lines[:TITLES]}
+    split = {line: max(" ;\t|,", key=told.count) for line, told in bare.items()}
+    heads = (by for line, by in split.items() if _is_head(path, line.split(by)))
+    separator = next(chain(heads, split.values()), " ")
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
     )
     rows, line = [], 1
     for cells in reader:
-        if any(map(str.strip, cells)) and not cells[0].startswith("#"):
+        if any(map(str.strip, cells)) and not cells[0].startswith(NOTES):
             rows.append((line, cells))
         line = reader.line_num + 1
-    if rows and not head:
-        del rows[0]
     sheet = _checked(path, rows, separator == " " or text.splitlines()[-1:][0][:1] == '"')
-    sheet.commas, sheet.said = separator == ",", said
+    sure = {
+        mark
+        for mark in ".,"
+        for _, cells in sheet.rows
+        for cell in map(str.strip, cells)
+        if DECIMAL[mark].fullmatch(cell) and not THOUSANDS[mark].fullmatch(cell)
+    }
+    sheet.thousands = "," * ("." in sure or separator == ",") + "." * ("," in sure)
+    sheet.said += said
     return sheet
 
 
+def _is_head(path: Path, cells: Sequence[str]) -> bool:
+    """Return whether cells are names of columns that tell where trees stand."""
+    way = (column_of(path, cells, {}, key, COLUMNS[key].split()) for key in ("distance", "azimuth"))
+    return any(map(all, pairs_of(path, cells))) or all(way)
+
+
 def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False) -> _Sheet:
-    """The first row as a header, and rows below it that are as long. named : rows may have names, as R's.
+    """The first row that names places as a header, and rows below it that are as long.
+
+    named : rows may have names, as R's. Titles above the header are left out, and a row of units below it
+    goes into it.
 
     Raises
     ------
@@ -465,7 +505,14 @@ def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False)
     """
     if not rows:
         raise SpecError(str(path), "is empty; it needs a header with x and y, and a row a tree")
-    head = rows.pop(0)[1]
+    titles = next((n for n, (_, cells) in enumerate(rows[:TITLES]) if _is_head(path, cells)), 0)
+    (line, head), rows = rows[titles], rows[titles + 1 :]
+    said = [f"{path.name}: row {line} is its header"] * (titles > 0)
+    if rows and {*rows[0][1]} <= {"", *LENGTHS, *ANGLES, *AREAS} and len(rows[0][1]) == len(head):
+        head = [
+            f"{name} [{unit}]" if unit else name
+            for name, unit in zip(head, rows.pop(0)[1], strict=True)
+        ]
     if named and rows and all(len(cells) == len(head) + 1 and cells[-1] for _, cells in rows):
         head = ["", *head]
     for line, cells in rows:
@@ -480,13 +527,11 @@ def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False)
                 f"row {line} has {len(cells)} values, its header {len(head)}; name every column, and put "
                 "semicolons between columns whose numbers have decimal commas",
             )
-    return _Sheet(path, head, rows)
+    return _Sheet(path, head, rows, said=said)
 
 
 def _workbook(path: Path) -> _Sheet:
     openpyxl = library(path, "tables", "openpyxl")
-    with zipfile.ZipFile(path) as archive:
-        _unpacked(path, sum(entry.file_size for entry in archive.infolist()))
     book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     try:
         names, sheet = book.sheetnames, book.worksheets[0]
@@ -505,7 +550,10 @@ def _workbook(path: Path) -> _Sheet:
 
 def _geojson(path: Path) -> _Sheet:
     told = json.loads(path.read_bytes())
-    features = [(feature["geometry"], feature["properties"] or {}) for feature in told["features"]]
+    features = [
+        (feature["geometry"], feature["properties"] or {})
+        for feature in told.get("features", [told])
+    ]
     named = (told.get("crs") or {}).get("properties", {}).get("name", "")
     return _features(path, features, named)
 
@@ -529,6 +577,10 @@ def _features(
     """A sheet of features, each a geometry and its properties; those give way to places and widths."""
     told = []
     for geometry, properties in features:
+        if geometry and not geometry["type"].endswith(("Point", "Polygon")):
+            raise SpecError(
+                str(path), f"has a {geometry['type']}; give trees as points, or crowns as polygons"
+            )
         place = _shape(geometry) if geometry else {}
         told.append(place | {k: cell for k, cell in properties.items() if k.lower() not in place})
     head = list(dict.fromkeys(["x", "y", *chain.from_iterable(told)]))
@@ -552,11 +604,20 @@ def _shape(geometry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 READERS = {".xlsx": _workbook, ".xlsm": _workbook, ".geojson": _geojson, ".json": _geojson}
-READERS |= dict.fromkeys((".gpkg", ".shp", ".fgb"), _layer)
+READERS |= dict.fromkeys((".gpkg", ".shp", ".fgb", ".zip"), _layer)
+UNREAD = (".xls", ".ods", ".parquet", ".dbf", ".kml", ".kmz", ".gpx", ".pdf", ".doc", ".docx")
 
 
 def _sheet(path: Path) -> _Sheet:
     """Read the cells of a table by the ending of its name, and tell its columns."""
-    sheet = READERS.get(path.suffix.lower(), _text)(path)
+    ending = path.suffix.lower()
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            _unpacked(path, sum(entry.file_size for entry in archive.infolist()))
+    if ending in UNREAD:
+        raise SpecError(
+            str(path), f"is a kind of table that is not read, {ending}; save it as .csv or .xlsx"
+        )
+    sheet = READERS.get(ending, _text)(path)
     sheet.columns = _columns(path, sheet.head)
     return sheet

@@ -91,9 +91,19 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
         None,
     ),
     "cylinders": ([*_SCATTERERS, _doubles, _int8s, _int8s, _double, _complexes, *_CUBICS], None),
-    "move_discs": ([_count, _int64s, *[_doubles] * 3, _double, _doubles, _doubles], None),
     "incidences": ([_count, *[_doubles] * 4], None),
-    "trace_paths": ([_count, _doubles, _count, *[_doubles] * 5], None),
+    "trace_paths": ([_count, _doubles, _count, *[_doubles] * 4], None),
+    "open_leaves": (
+        [
+            *(_count, _int64s, _int64s, _doubles, _doubles, _int64s),
+            *(_int64s, _doubles, _doubles, _doubles, _int64s),
+            *(_count, _doubles, _doubles, _doubles, _doubles),
+            *(_count, _count, _doubles, _count, _complexes, _count, _count, _count, _floats),
+            *(_count, _int64s, _int64s, _doubles, _int64s, _doubles, _doubles, _doubles, _int64s),
+            *(_doubles, _doubles, _doubles),
+        ],
+        None,
+    ),
     "lay_echoes": (
         [
             *(_count, _doubles, _doubles, _count, _complexes, _count, _count, _count, _doubles),

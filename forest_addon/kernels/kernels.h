@@ -108,23 +108,44 @@ KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, co
 KERNEL void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all, const double *level,
                          int64_t terms, const double *basis, const double *term, double *values);
 
-/* Moves some rows of discs into the world: centre, normal (_, 3) of all, rows (count), by a transform (3, 4) that
- * turns, mirrors and scales evenly; moved, turned (count, 3).
- */
-KERNEL void move_discs(int64_t count, const int64_t *rows, const double *centre, const double *normal,
-                       const double *transform, double scale, double *moved, double *turned);
-
 /* The angles (count), from 0 to a quarter of a turn, between normals (count, 3) and the ways from a point (3) to
  * centres (count, 3).
  */
 KERNEL void incidences(int64_t count, const double *centre, const double *normal, const double *point, double *angle);
 
 /* The ways to centres (count, 3) from places (ends, 3), the mouth of a sonar and its ears, with their frames
- * (ends, 3, 3): axis, left, up. direction (count, 3) unit, from the first; distance (count, ends); offset
- * (count, ends, 2) off the axes, as beam_offsets of sensing/sonar/beam.py.
+ * (ends, 3, 3): axis, left, up. distance (count, ends); offset (count, ends, 2) off the axes, as beam_offsets of
+ * sensing/sonar/beam.py.
  */
 KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const double *place, const double *frame,
-                        double *direction, double *distance, double *offset);
+                        double *distance, double *offset);
+
+/* Opens blocks of leaves of one mesh: moves them into the world, bounds how loud each is, and keeps what may be heard.
+ *
+ * first, last, transform (3, 4), scale, instance (blocks): each block has the places first to last of ``order``,
+ *     whose rows of centre, normal, radius, leaf a transform moves that turns, mirrors and scales evenly.
+ * ends, place, frame: as of trace_paths. steepness (ends, 2): of the logarithm of the loudest gain in the band over
+ *     squared offsets; where one is no number, gains are left out of bounds.
+ * told (16): nearest and farthest from the mouth; shortest way back to an ear, longest way in all; nepers a metre
+ *     at least; FAR, ASIDE and CLOSEST of sensing/sonar/leaves.py, from where faces stand for discs, and the paper's
+ *     are subdued; lowest and highest wavenumber; ka from where exact discs are told by their rims, too; steps as
+ *     of exact_discs.
+ * model: 0 paper, 1 piston, 2 exact. lobes (2, peaks): of |J1| where, and how high. cells, hankel: as of
+ *     piston_discs. margin: as of exact_discs; maxima (_, rows, columns) of acoustics/disc_table.py.
+ * kept (2): rows that are kept, and rows for which faces stand; tally (4): not finite, too near, too far, too late;
+ *     added to.
+ * moved (3), number, turned (3), size, nearness, owner, away (ends), offset (ends, 2), bound: columns of ``room``
+ *     rows, for several calls: all that is opened fits in. Leaves that are kept are appended in order; leaves for
+ *     which faces stand go, without away, offset and bound, to the end, each before the one before.
+ */
+KERNEL void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const double *transform,
+                        const double *scale, const int64_t *instance, const int64_t *order, const double *centre,
+                        const double *normal, const double *radius, const int64_t *leaf, int64_t ends,
+                        const double *place, const double *frame, const double *steepness, const double *told,
+                        int64_t model, int64_t peaks, const double *lobes, int64_t cells, const double *hankel,
+                        int64_t margin, int64_t rows, int64_t columns, const float *maxima, int64_t room,
+                        int64_t *kept, int64_t *tally, double *moved, int64_t *number, double *turned, double *size,
+                        double *nearness, int64_t *owner, double *away, double *offset, double *bound);
 
 /* Lays echoes down on even grids of delays: each is turned back by its cycles and goes, weighted, to the
  * ``width`` points about its place, times a kernel's taps there.

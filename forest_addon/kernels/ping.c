@@ -11,6 +11,9 @@
 #define TOGETHER 4 /* complex values of an echo that are laid down at once */
 #define WIDEST 24   /* taps of a kernel, at most */
 
+enum { PAPER, PISTON, EXACT };                    /* models of discs */
+enum { BROKEN, NEAR, FAR, LATE }; /* leaves that are left out */
+
 /* Cosine and sine of -TURN times some cycles, to rounding: their power series within a quarter of a turn. Unlike
  * the library's functions they are computed of several values at once, and are the same everywhere. */
 static inline void turned_back(double cycles, double *cosine, double *sine)
@@ -184,6 +187,7 @@ void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
     for (int64_t begin = 0; begin < count; begin += BLOCK) {
         int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
         double turn_of[BLOCK], steep_of[BLOCK], place[BLOCK], level[BLOCK]; /* the first two at 1/m */
+        double turn_at[BLOCK], steep_at[BLOCK]; /* of a radius of 1 m, at as many nodes */
         for (int64_t i = 0; i < some; i++) {
             double log_radius = logarithm(radius[begin + i] > 1e-30 ? radius[begin + i] : 1e-30);
             turn_of[i] = 0.3999 * exponential(-0.9065 * log_radius);
@@ -191,13 +195,17 @@ void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
         }
         for (int64_t q = 0; q < nodes; q++) {
             double k = wavenumber[q];
-            double turn_at = pow(k, -0.9065);
-            double steep_at = pow(k, 0.3523);
+            if (q % BLOCK == 0)
+                for (int64_t r = 0; r < BLOCK && q + r < nodes; r++) {
+                    double log_wavenumber = logarithm(wavenumber[q + r]);
+                    turn_at[r] = exponential(-0.9065 * log_wavenumber);
+                    steep_at[r] = exponential(0.3523 * log_wavenumber);
+                }
             double *value = values + 2 * (q * count + begin);
             for (int64_t i = 0; i < some; i++) {
                 double size = k * radius[begin + i];
-                double turn = turn_of[i] * turn_at + 0.9979;
-                double steepness = steep_of[i] * steep_at - 0.9459;
+                double turn = turn_of[i] * turn_at[q % BLOCK] + 0.9979;
+                double steepness = steep_of[i] * steep_at[q % BLOCK] - 0.9459;
                 double angle = incidence[begin + i];
                 double cosine, sine;
                 place[i] = (steepness * (QUARTER - angle) - first) / step;
@@ -214,30 +222,29 @@ void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
     }
 }
 
-/* The Hankel function of order 1 at x >= 6, without its phase e^{ix}; table: of its product with the root of x,
- * over 6/x from 0 to 1. */
-static inline void hankel(int64_t cells, const double *table, double x, double *real, double *imaginary)
+/* 2 J1(x)/x, of at most a BLOCK: by its power series, or from the Hankel function of order 1, of which a table has
+ * what is left without its phase e^{ix} and times the root of x, over 6/x from 0 to 1. */
+static inline void jincs(int64_t some, int64_t cells, const double *table, const double *x, double *value)
 {
-    cubic(cells, table, (double)cells * (6.0 / x), real, imaginary);
-    double root = sqrt(x);
-    *real /= root;
-    *imaginary /= root;
-}
-
-/* 2 J1(x)/x: by its power series, or from the Hankel function. */
-static inline double jinc(int64_t cells, const double *table, double x)
-{
-    if (x >= 6.0) {
-        double real, imaginary, cosine, sine;
-        hankel(cells, table, x, &real, &imaginary);
-        turned_back(-x / TURN, &cosine, &sine);
-        return 2.0 * (real * cosine - imaginary * sine) / x;
+    double square[BLOCK], place[BLOCK], real[BLOCK], imaginary[BLOCK];
+    for (int64_t i = 0; i < some; i++) {
+        square[i] = x[i] < 6.0 ? 0.25 * x[i] * x[i] : 0.0;
+        place[i] = (double)cells * (6.0 / larger(x[i], 6.0));
+        value[i] = 1.0;
     }
-    double square = 0.25 * x * x;
-    double sum = 1.0;
-    for (int n = 20; n > 0; n--)
-        sum = 1.0 - square * (1.0 / (double)(n * (n + 1))) * sum;
-    return sum;
+    for (int n = 20; n > 0; n--) {
+        double share = 1.0 / (double)(n * (n + 1));
+        for (int64_t i = 0; i < some; i++)
+            value[i] = 1.0 - square[i] * share * value[i];
+    }
+    for (int64_t i = 0; i < some; i++)
+        cubic(cells, table, place[i], real + i, imaginary + i);
+    for (int64_t i = 0; i < some; i++) {
+        double cosine, sine;
+        turned_back(-x[i] / TURN, &cosine, &sine);
+        double beyond = 2.0 * (real[i] * cosine - imaginary[i] * sine) / (x[i] * sqrt(x[i]));
+        value[i] = x[i] >= 6.0 ? beyond : value[i];
+    }
 }
 
 void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
@@ -246,27 +253,33 @@ void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const 
 {
     for (int64_t begin = 0; begin < count; begin += BLOCK) {
         int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
-        double across[BLOCK], face[BLOCK];
+        double across[BLOCK], face[BLOCK], sign[BLOCK];
+        int64_t rims = 0;
         for (int64_t i = 0; i < some; i++) {
             double sine, cosine;
+            sign[i] = side[begin + i];
+            rims += sign[i] != 0.0;
             turned_back(-incidence[begin + i] / TURN, &cosine, &sine);
             across[i] = 2.0 * radius[begin + i] * sine;
             face[i] = 0.5 * radius[begin + i] * radius[begin + i] * cosine * factor[begin + i];
         }
         for (int64_t q = 0; q < nodes; q++) {
             double *value = values + 2 * (q * count + begin);
+            double x[BLOCK], place[BLOCK], rim[BLOCK], whole[BLOCK] = {0.0};
+            double real[BLOCK] = {0.0}, imaginary[BLOCK] = {0.0};
             for (int64_t i = 0; i < some; i++) {
-                double x = wavenumber[q] * across[i];
-                double level = face[i] * wavenumber[q];
-                double real = 0.0, imaginary = 0.0;
-                if (side[begin + i] == 0) {
-                    value[2 * i] = 0.0;
-                    value[2 * i + 1] = level * jinc(cells, table, x);
-                    continue;
-                }
-                hankel(cells, table, x, &real, &imaginary);
-                value[2 * i] = side[begin + i] * (level / x) * imaginary;
-                value[2 * i + 1] = level / x * real;
+                x[i] = wavenumber[q] * across[i];
+                double beyond = larger(x[i], 6.0);
+                place[i] = (double)cells * (6.0 / beyond);
+                rim[i] = face[i] * wavenumber[q] / (beyond * sqrt(beyond));
+            }
+            if (rims < some)
+                jincs(some, cells, table, x, whole);
+            for (int64_t i = 0; rims > 0 && i < some; i++)
+                cubic(cells, table, place[i], real + i, imaginary + i);
+            for (int64_t i = 0; i < some; i++) {
+                value[2 * i] = sign[i] * rim[i] * imaginary[i];
+                value[2 * i + 1] = sign[i] != 0.0 ? rim[i] * real[i] : face[i] * wavenumber[q] * whole[i];
             }
         }
     }
@@ -299,33 +312,30 @@ void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
         int64_t cell = at < 1e6 ? (int64_t)at : 0; /* 0 of what is no number, which stays in the weights */
         const float *column = table + 2 * ((cell + margin - 1) * rows + margin - 1);
         double over[4];
-        float along[4], line[16]; /* of eight sizes, from four times ``known`` on: nodes go on from there */
-        int64_t known = -2;
+        float along[4];
         splines(at - (double)cell, over);
         for (int b = 0; b < 4; b++)
             along[b] = (float)over[b];
         for (int64_t begin = 0; begin < nodes; begin += BLOCK) {
             int64_t some = nodes - begin < BLOCK ? nodes - begin : BLOCK;
-            double size[BLOCK], place[BLOCK], real[BLOCK], imaginary[BLOCK];
+            double size[BLOCK], across[4][BLOCK], real[BLOCK], imaginary[BLOCK];
+            float line[BLOCK][8];
+            int32_t row[BLOCK];
             for (int64_t q = 0; q < some; q++) {
                 size[q] = wavenumber[begin + q] * radius[i];
                 double inside = size[q] < steps[4] ? size[q] : steps[4];
-                place[q] = (sqrt(inside + steps[1]) - sqrt(steps[1])) / steps[0];
+                double place = (sqrt(inside + steps[1]) - sqrt(steps[1])) / steps[0];
+                row[q] = (int32_t)place;
+                splines(place - (double)row[q], over);
+                for (int b = 0; b < 4; b++)
+                    across[b][q] = over[b];
             }
+            for (int64_t q = 0; q < some; q++)
+                mixed(column + 2 * (int64_t)row[q], rows, along, line[q]);
             for (int64_t q = 0; q < some; q++) {
-                int64_t row = (int64_t)place[q];
-                int64_t four = row / 4;
-                if (four == known + 1)
-                    memcpy(line, line + 8, 8 * sizeof *line);
-                else if (four != known)
-                    mixed(column + 8 * four, rows, along, line);
-                if (four != known)
-                    mixed(column + 8 * four + 8, rows, along, line + 8);
-                known = four;
-                const float *l = line + 2 * (row - 4 * four);
-                splines(place[q] - (double)row, over);
-                real[q] = over[0] * l[0] + over[1] * l[2] + over[2] * l[4] + over[3] * l[6];
-                imaginary[q] = over[0] * l[1] + over[1] * l[3] + over[2] * l[5] + over[3] * l[7];
+                const float *l = line[q];
+                real[q] = across[0][q] * l[0] + across[1][q] * l[2] + across[2][q] * l[4] + across[3][q] * l[6];
+                imaginary[q] = across[0][q] * l[1] + across[1][q] * l[3] + across[2][q] * l[5] + across[3][q] * l[7];
             }
             for (int64_t q = 0; q < some; q++) {
                 double square = size[q] * size[q];
@@ -384,20 +394,6 @@ void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const dou
     }
 }
 
-void move_discs(int64_t count, const int64_t *rows, const double *centre, const double *normal,
-                const double *transform, double scale, double *moved, double *turned)
-{
-    for (int64_t i = 0; i < count; i++) {
-        const double *c = centre + 3 * rows[i];
-        const double *n = normal + 3 * rows[i];
-        for (int a = 0; a < 3; a++) {
-            const double *t = transform + 4 * a;
-            moved[3 * i + a] = t[0] * c[0] + t[1] * c[1] + t[2] * c[2] + t[3];
-            turned[3 * i + a] = (t[0] * n[0] + t[1] * n[1] + t[2] * n[2]) / scale;
-        }
-    }
-}
-
 /* The angle from 0 to half a turn of which these are a sine, not negative, and a cosine, times any length. */
 static inline double angle_of(double sine, double cosine)
 {
@@ -436,36 +432,269 @@ void incidences(int64_t count, const double *centre, const double *normal, const
     }
 }
 
-void trace_paths(int64_t count, const double *centre, int64_t ends, const double *place, const double *frame,
-                 double *direction, double *distance, double *offset)
+/* The ways from an end with its frame to as many places as there are: how far they are, and how far off its axis
+ * to the left and up, as beam_offsets of sensing/sonar/beam.py. */
+static inline void trace(int64_t some, const double *x, const double *y, const double *z, const double *from,
+                         const double *frame, double *away, double *left, double *up)
 {
-    for (int64_t e = 0; e < ends; e++) {
-        const double *from = place + 3 * e;
-        const double *f = frame + 9 * e;
-        for (int64_t begin = 0; begin < count; begin += BLOCK) {
-            int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
-            double away[BLOCK], left[BLOCK], up[BLOCK], share[BLOCK];
+    for (int64_t i = 0; i < some; i++) {
+        double a = x[i] - from[0];
+        double b = y[i] - from[1];
+        double c = z[i] - from[2];
+        double to_left = frame[3] * a + frame[4] * b + frame[5] * c;
+        double upwards = frame[6] * a + frame[7] * b + frame[8] * c;
+        double side = sqrt(to_left * to_left + upwards * upwards);
+        double angle = angle_of(side, frame[0] * a + frame[1] * b + frame[2] * c);
+        double share = side > 0.0 ? angle / side : 0.0;
+        away[i] = sqrt(a * a + b * b + c * c);
+        left[i] = side > 0.0 ? share * to_left : angle;
+        up[i] = share * upwards;
+    }
+}
+
+void trace_paths(int64_t count, const double *centre, int64_t ends, const double *place, const double *frame,
+                 double *distance, double *offset)
+{
+    for (int64_t begin = 0; begin < count; begin += BLOCK) {
+        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+        double x[BLOCK], y[BLOCK], z[BLOCK], away[BLOCK], left[BLOCK], up[BLOCK];
+        for (int64_t i = 0; i < some; i++) {
+            x[i] = centre[3 * (begin + i)];
+            y[i] = centre[3 * (begin + i) + 1];
+            z[i] = centre[3 * (begin + i) + 2];
+        }
+        for (int64_t e = 0; e < ends; e++) {
+            trace(some, x, y, z, place + 3 * e, frame + 9 * e, away, left, up);
             for (int64_t i = 0; i < some; i++) {
-                const double *c = centre + 3 * (begin + i);
-                double x = c[0] - from[0];
-                double y = c[1] - from[1];
-                double z = c[2] - from[2];
-                away[i] = sqrt(x * x + y * y + z * z);
-                left[i] = f[3] * x + f[4] * y + f[5] * z;
-                up[i] = f[6] * x + f[7] * y + f[8] * z;
-                double side = sqrt(left[i] * left[i] + up[i] * up[i]);
-                double angle = angle_of(side, f[0] * x + f[1] * y + f[2] * z);
-                share[i] = side > 0.0 ? angle / side : 0.0;
-                left[i] = side > 0.0 ? share[i] * left[i] : angle;
-            }
-            for (int64_t i = 0; i < some; i++) {
-                int64_t row = begin + i;
-                distance[row * ends + e] = away[i];
-                offset[2 * (row * ends + e)] = left[i];
-                offset[2 * (row * ends + e) + 1] = share[i] * up[i];
-                for (int a = 0; e == 0 && a < 3; a++)
-                    direction[3 * row + a] = (centre[3 * row + a] - from[a]) / away[i];
+                int64_t row = (begin + i) * ends + e;
+                distance[row] = away[i];
+                offset[2 * row] = left[i];
+                offset[2 * row + 1] = up[i];
             }
         }
     }
+}
+
+/* What discs are bounded by; arguments of open_leaves. */
+struct bounding {
+    double lowest, highest;
+    int64_t peaks;
+    const double *peak, *height;
+    int64_t cells;
+    const double *hankel;
+    double handover;
+    const double *steps;
+    int64_t margin, rows, columns;
+    const float *maxima;
+};
+
+/* No |f|/cos of a disc by physical optics is larger in a band: k |J1(x)/x| at its ends, lowest and highest, or where
+ * |J1| peaks between. */
+static inline double optics_bound(const struct bounding *by, double radius, double across, double lowest, double highest)
+{
+    double low = by->lowest * across;
+    double largest = larger(by->highest * fabs(highest), by->lowest * fabs(lowest));
+    int64_t next = low < 1e6 ? (int64_t)(2.0 * low / TURN) - 1 : by->peaks; /* peaks are half a turn apart, about */
+    next = next > 0 ? next : 0;
+    while (next < by->peaks && by->peak[next] < low)
+        next++;
+    if (next == by->peaks || by->peak[next] < by->highest * across)
+        largest = larger(largest, 2.0 * by->height[next < by->peaks ? next : next - 1] / across);
+    return 0.5 * radius * radius * largest;
+}
+
+static inline void piston_bounds(const struct bounding *by, int64_t some, const double *radius, const double *angle,
+                                 double *bound)
+{
+    double across[BLOCK], x[BLOCK], lowest[BLOCK], highest[BLOCK];
+    for (int64_t i = 0; i < some; i++) {
+        double sine;
+        turned_back(-angle[i] / TURN, bound + i, &sine);
+        across[i] = 2.0 * radius[i] * sine;
+        x[i] = by->lowest * across[i];
+    }
+    jincs(some, by->cells, by->hankel, x, lowest);
+    for (int64_t i = 0; i < some; i++)
+        x[i] = by->highest * across[i];
+    jincs(some, by->cells, by->hankel, x, highest);
+    for (int64_t i = 0; i < some; i++)
+        bound[i] *= optics_bound(by, radius[i], across[i], lowest[i], highest[i]);
+}
+
+/* No |f| of the exact disc is larger in a band. */
+static inline double exact_bound(const struct bounding *by, double radius, double angle)
+{
+    const double *steps = by->steps;
+    double low = by->lowest * radius;
+    double high = by->highest * radius;
+    double bound = 0.0;
+    if (!(radius < 1e6 && angle < 2.0)) /* no numbers */
+        return 0.0;
+    if (low < steps[4]) {
+        double until = high < steps[4] ? high : steps[4];
+        int64_t first = (int64_t)((sqrt(low + steps[1]) - sqrt(steps[1])) / steps[0]);
+        int64_t last = (int64_t)((sqrt(until + steps[1]) - sqrt(steps[1])) / steps[0]);
+        int64_t column = (int64_t)((sqrt(angle + steps[3]) - sqrt(steps[3])) / steps[2]);
+        int64_t run = 0; /* two runs of as many cells, a power of two, cover all */
+        while ((int64_t)2 << run <= last - first + 1)
+            run++;
+        const float *most = by->maxima + run * by->rows * by->columns + (column + by->margin - 1) / 2;
+        first += by->margin - 1;
+        last += by->margin - ((int64_t)1 << run);
+        bound = radius * larger(most[first * by->columns], most[last * by->columns]);
+    }
+    if (high > by->handover) {
+        double sine, cosine, ends[2];
+        turned_back(-angle / TURN, &cosine, &sine);
+        double rim = 0.5 * TURN * low * sine;
+        double x[2] = {2.0 * low * sine, 2.0 * high * sine};
+        jincs(2, by->cells, by->hankel, x, ends);
+        bound = larger(bound, optics_bound(by, radius, 2.0 * radius * sine, ends[0], ends[1])
+                                  + 0.5 * radius * (rim > 1.0 ? 1.0 / sqrt(rim) : 1.0));
+    }
+    return bound;
+}
+
+/* No |f| of the paper's disc is larger in a band; turns: 0.3999 k^-0.9065 at its ends. */
+static inline double paper_bound(const struct bounding *by, const double *turns, double radius, double angle)
+{
+    double low = by->lowest * radius;
+    double high = by->highest * radius;
+    double turn = exponential(-0.9065 * logarithm(radius > 1e-30 ? radius : 1e-30));
+    double last = 2.0 * (turn * turns[0] + 0.9979) * angle / TURN; /* half turns; the fit's angle falls with k */
+    double first = 2.0 * (turn * turns[1] + 0.9979) * angle / TURN;
+    double whole = (last + ROUNDER) - ROUNDER;
+    whole -= whole > last ? 1.0 : 0.0;
+    double sine, cosine, other;
+    turned_back(0.5 * first, &cosine, &sine);
+    turned_back(0.5 * last, &other, &sine);
+    double wave = larger(fabs(cosine), fabs(other));
+    wave = whole >= first ? 1.0 : wave; /* a crest is between */
+    double peak = larger((0.5003 * high * high + 0.6867) / by->highest, (0.5003 * low * low + 0.6867) / by->lowest);
+    return radius == 0.0 ? 0.0 : peak * wave;
+}
+
+void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const double *transform,
+                 const double *scale, const int64_t *instance, const int64_t *order, const double *centre,
+                 const double *normal, const double *radius, const int64_t *leaf, int64_t ends, const double *place,
+                 const double *frame, const double *steepness, const double *told, int64_t model, int64_t peaks,
+                 const double *lobes, int64_t cells, const double *hankel, int64_t margin, int64_t rows,
+                 int64_t columns, const float *maxima, int64_t room, int64_t *kept, int64_t *tally, double *moved,
+                 int64_t *number, double *turned, double *size, double *nearness, int64_t *owner, double *away,
+                 double *offset, double *bound)
+{
+    double nearest = told[0], farthest = told[1], shortest = told[2], longest = told[3], loss = told[4];
+    double far = told[5], aside = told[6], closest = told[7];
+    struct bounding by = {told[8],  told[9],   peaks,  lobes, lobes + peaks, cells,  hankel,
+                          told[10], told + 11, margin, rows,  columns,       maxima};
+    int beamed = 1;
+    for (int64_t e = 0; e < 2 * ends; e++)
+        beamed = beamed && steepness[e] == steepness[e];
+    double turns[2] = {0.3999 * pow(by.lowest, -0.9065), 0.3999 * pow(by.highest, -0.9065)};
+    for (int64_t b = 0; b < blocks; b++)
+        for (int64_t begin = first[b]; begin < last[b]; begin += BLOCK) {
+            const double *t = transform + 12 * b;
+            int64_t some = last[b] - begin < BLOCK ? last[b] - begin : BLOCK;
+            double shrunk = scale[b] > 0.0 ? 1.0 / scale[b] : 1.0;
+            double x[BLOCK], y[BLOCK], z[BLOCK], u[BLOCK], v[BLOCK], w[BLOCK], a[BLOCK];
+            double distance[BLOCK], sine[BLOCK], angle[BLOCK], strength[BLOCK], held[BLOCK];
+            double leg[BLOCK], left[BLOCK], up[BLOCK], sent[BLOCK], gain[BLOCK];
+            double most[BLOCK] = {0.0}, least[BLOCK], longer[BLOCK] = {0.0};
+            for (int64_t i = 0; i < some; i++) {
+                const double *c = centre + 3 * order[begin + i];
+                const double *n = normal + 3 * order[begin + i];
+                x[i] = t[0] * c[0] + t[1] * c[1] + t[2] * c[2] + t[3];
+                y[i] = t[4] * c[0] + t[5] * c[1] + t[6] * c[2] + t[7];
+                z[i] = t[8] * c[0] + t[9] * c[1] + t[10] * c[2] + t[11];
+                u[i] = (t[0] * n[0] + t[1] * n[1] + t[2] * n[2]) * shrunk;
+                v[i] = (t[4] * n[0] + t[5] * n[1] + t[6] * n[2]) * shrunk;
+                w[i] = (t[8] * n[0] + t[9] * n[1] + t[10] * n[2]) * shrunk;
+                a[i] = scale[b] * radius[order[begin + i]];
+            }
+            for (int64_t e = 0; e < ends; e++) {
+                trace(some, x, y, z, place + 3 * e, frame + 9 * e, leg, left, up);
+                double across = steepness[2 * e];
+                double along = steepness[2 * e + 1];
+                for (int64_t i = 0; i < some; i++) { /* where the first of these may go; the others move up below */
+                    int64_t row = (kept[0] + i) * ends + e;
+                    away[row] = leg[i];
+                    offset[2 * row] = left[i];
+                    offset[2 * row + 1] = up[i];
+                    gain[i] = across * left[i] * left[i] + along * up[i] * up[i];
+                }
+                if (e == 0) {
+                    memcpy(sent, gain, sizeof sent);
+                    memcpy(distance, leg, sizeof distance);
+                    continue;
+                }
+                for (int64_t i = 0; i < some; i++) {
+                    double length = distance[i] + leg[i];
+                    double exponent = sent[i] + gain[i] - loss * length;
+                    gain[i] = exponential(exponent > -700.0 ? exponent : -700.0) / (distance[i] * leg[i]);
+                    gain[i] = exponent > -700.0 ? gain[i] : 0.0;
+                    most[i] = larger(gain[i], most[i]);
+                    least[i] = e == 1 ? leg[i] : smaller(leg[i], least[i]);
+                    longer[i] = larger(length, longer[i]);
+                }
+            }
+            for (int64_t i = 0; i < some; i++) {
+                double p = x[i] - place[0];
+                double q = y[i] - place[1];
+                double r = z[i] - place[2];
+                double f = q * w[i] - r * v[i];
+                double g = r * u[i] - p * w[i];
+                double h = p * v[i] - q * u[i];
+                sine[i] = sqrt(f * f + g * g + h * h);
+                angle[i] = angle_of(sine[i], fabs(p * u[i] + q * v[i] + r * w[i]));
+                double late = by.highest * a[i] * a[i] / (2.0 * larger(distance[i], 1e-9));
+                late = late * late - 1.0 / (4.0 * far * far);
+                held[i] = model == PAPER ? 1.0 / sqrt(1.0 + (late > 0.0 ? late : 0.0)) : 1.0;
+            }
+            if (model == PAPER)
+                for (int64_t i = 0; i < some; i++)
+                    strength[i] = paper_bound(&by, turns, a[i], angle[i]);
+            else if (model == PISTON)
+                piston_bounds(&by, some, a, angle, strength);
+            else
+                for (int64_t i = 0; i < some; i++)
+                    strength[i] = exact_bound(&by, a[i], angle[i]);
+            int64_t here = kept[0];
+            for (int64_t i = 0; i < some; i++) {
+                double sum = x[i] + y[i] + z[i] + u[i] + v[i] + w[i] + a[i] + distance[i];
+                int finite = sum - sum == 0.0;
+                int near = distance[i] < nearest;
+                int beyond = distance[i] > farthest;
+                int face = model != PAPER && !near && !beyond
+                           && distance[i] < far * by.highest * a[i] * a[i]
+                           && (sine[i] < aside * a[i] || distance[i] < closest * a[i]);
+                int64_t to = room - 1 - kept[1];
+                kept[1] += face;
+                if (!face) {
+                    int outside = !finite || near || beyond || least[i] < shortest;
+                    tally[BROKEN] += !finite;
+                    tally[NEAR] += finite && near;
+                    tally[FAR] += finite && beyond;
+                    tally[LATE] += !outside && longer[i] > longest;
+                    bound[here] = strength[i] * held[i] * (beamed ? most[i] : 1.0);
+                    if (outside || longer[i] > longest || !(bound[here] > 0.0))
+                        continue;
+                    to = here++;
+                    for (int64_t e = 0; e < ends; e++) {
+                        int64_t from = (kept[0] + i) * ends + e;
+                        away[to * ends + e] = away[from];
+                        offset[2 * (to * ends + e)] = offset[2 * from];
+                        offset[2 * (to * ends + e) + 1] = offset[2 * from + 1];
+                    }
+                }
+                double middle[3] = {x[i], y[i], z[i]};
+                double upright[3] = {u[i], v[i], w[i]};
+                memcpy(moved + 3 * to, middle, sizeof middle);
+                memcpy(turned + 3 * to, upright, sizeof upright);
+                number[to] = leaf[order[begin + i]];
+                size[to] = a[i];
+                nearness[to] = held[i];
+                owner[to] = instance[b];
+            }
+            kept[0] = here;
+        }
 }

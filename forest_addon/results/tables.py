@@ -44,7 +44,30 @@ def write_stand(
     """
     parts = _parts(stand, labels, offset)
     if str(path).lower().endswith((".geojson", ".json")):
-        _write_geojson(path, parts, offset, crs)
+        head: dict[str, object] = {"type": "FeatureCollection"}
+        if crs:
+            authority, _, code = crs.rpartition(":")
+            name = f"urn:ogc:def:crs:{authority}::{code}" if authority and code.isdigit() else crs
+            head["crs"] = {"type": "name", "properties": {"name": name}}
+        note = note_of(offset, crs) or "coordinates are metres of the scene"
+        head["note"] = f"{note}; not longitude and latitude"
+        with replacing(path) as partial, open(partial, "w", encoding="utf-8", newline="") as file:
+            file.write(json.dumps(head, ensure_ascii=False)[:-1] + ', "features": [')
+            separator = "\n"
+            for part in parts:
+                for number, species, *place, size, turn, variant in zip(
+                    *part.values(), strict=True
+                ):
+                    told = {"species": species, "scale": size, "rotation": turn, "variant": variant}
+                    feature = {
+                        "type": "Feature",
+                        "id": number,
+                        "geometry": {"type": "Point", "coordinates": place},
+                        "properties": told,
+                    }
+                    file.write(separator + json.dumps(feature, ensure_ascii=False))
+                    separator = ",\n"
+            file.write("\n]}\n")
     else:
         write_csv(path, parts)
 
@@ -62,36 +85,6 @@ def _parts(
             **dict(zip("xyz", place.T.tolist(), strict=True)),
             **{name: getattr(stand, name)[part].tolist() for name in COLUMNS[5:]},
         }
-
-
-def _write_geojson(
-    path: str | os.PathLike[str],
-    parts: Iterator[dict[str, list[Any]]],
-    offset: Sequence[float],
-    crs: str,
-) -> None:
-    head: dict[str, object] = {"type": "FeatureCollection"}
-    if crs:
-        authority, _, code = crs.rpartition(":")
-        name = f"urn:ogc:def:crs:{authority}::{code}" if authority and code.isdigit() else crs
-        head["crs"] = {"type": "name", "properties": {"name": name}}
-    note = note_of(offset, crs) or "coordinates are metres of the scene"
-    head["note"] = f"{note}; not longitude and latitude"
-    with replacing(path) as partial, open(partial, "w", encoding="utf-8", newline="") as file:
-        file.write(json.dumps(head, ensure_ascii=False)[:-1] + ', "features": [')
-        separator = "\n"
-        for part in parts:
-            for number, species, *place, size, turn, variant in zip(*part.values(), strict=True):
-                told = {"species": species, "scale": size, "rotation": turn, "variant": variant}
-                feature = {
-                    "type": "Feature",
-                    "id": number,
-                    "geometry": {"type": "Point", "coordinates": place},
-                    "properties": told,
-                }
-                file.write(separator + json.dumps(feature, ensure_ascii=False))
-                separator = ",\n"
-        file.write("\n]}\n")
 
 
 def write_cylinders(

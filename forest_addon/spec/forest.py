@@ -274,16 +274,14 @@ class Planting(Settings):
         drawn = self.layout in ("poisson", "clusters", "strauss")
         if self.exact and self.layout in ("clusters", "strauss"):
             raise SpecError("exact", f"cannot be used with {self.layout}; remove it")
-        if drawn and not (
-            self._has_intensity() or (self.expected is not None or self.density is not None)
-        ):
+        known = (
+            *(self.gaussians, self.base, self.painted, self.expected is not None),
+            *(self.density is not None, *(raster.use == "add" for raster in self.rasters)),
+        )
+        if drawn and not any(known):
             raise SpecError("expected", "is needed where there are no gaussians; give a number")
         if self.layout == "list" and bool(self.trees) == bool(self.collection):
             raise SpecError("trees", "a list needs a file in trees, or else a collection; give one")
-
-    def _has_intensity(self) -> bool:
-        added = any(raster.use == "add" for raster in self.rasters)
-        return bool(self.gaussians or self.base or self.painted or added)
 
 
 class Distance(Settings):

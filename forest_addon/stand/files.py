@@ -45,6 +45,10 @@ USUAL = {
 USUAL["crown_base"] = USUAL["height"]
 
 
+# Of stems from so many metres on, how many times they are as tall as thick in no stand, in the median.
+THIN, SLENDER = 0.1, 140.0
+
+
 class ElsewhereError(SpecError):
     """A file that lies beside the field; ``offset`` (x, y, z) would put the field on it, None: none does."""
 
@@ -91,7 +95,8 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
         if len(bad) and key != "rotation":
             raise SpecError(
                 str(path),
-                f"row {trees.line[bad[0]]}: {key} is {column[bad[0]]:g}; give one above 0",
+                f"row {trees.line[bad[0]]}: {key} is {column[bad[0]]:g}; give one above 0, or leave the "
+                "cell empty",
             )
         if key in MOST and np.isfinite(column).any():
             worst, typical = int(np.nanargmax(column)), float(np.nanmedian(column))
@@ -108,6 +113,15 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
                     f"{why}; a median of {typical:.3g} "
                     f"{' or '.join(fit)} would make sense: say the unit in the header, as {key}_{fit[0]}",
                 )
+
+    dbh, height = trees.numbers[:, 2:4][trees.numbers[:, 2] >= THIN].T
+    slender = float(np.nanmedian(height / dbh)) if np.isfinite(height).any() else 0.0
+    if slender > SLENDER:
+        raise SpecError(
+            str(path),
+            f"half of the trees are {slender:.0f} times as tall as thick, and no stand is {SLENDER:g} "
+            "times; say the units in the header, as height_ft or dbh_cm",
+        )
 
 
 def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:

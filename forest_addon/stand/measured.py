@@ -227,7 +227,17 @@ def _groups(
         kind, own = species[number][1], species[number][0].targets
         targets = planting.targets or own
         if targets is None:
-            ignored += _ignored(number, names, plantings, inputs)
+            listed = _listed(number, names, plantings, inputs)
+            told = [
+                name
+                for name, column in zip(TARGETS, listed.T, strict=True)
+                if np.isfinite(column).any()
+            ]
+            if told:
+                ignored.append(
+                    f"{names[number]}: its list gives {' and '.join(told)}, which count "
+                    "only with [plantings.targets]; the trees have the sizes of their species"
+                )
             continue
         rows = np.flatnonzero(stand.species == number)
         hand = rows[stand.number[rows] < 0]
@@ -403,21 +413,6 @@ def dbh_at(skeleton: Skeleton, along: np.ndarray, across: np.ndarray | None = No
     height = BREAST / np.maximum(along, 1e-300)
     wide = along if across is None else across
     return np.asarray(np.where(height <= z[-1], wide * np.interp(height, z, d), 0.0))
-
-
-def _ignored(
-    number: int, names: Sequence[str], plantings: Sequence[Planting], inputs: Inputs
-) -> list[str]:
-    """A sentence if the list of a planting without targets says what its trees measure."""
-    listed = _listed(number, names, plantings, inputs)
-    told = [
-        name for name, column in zip(TARGETS, listed.T, strict=True) if np.isfinite(column).any()
-    ]
-    sentence = (
-        f"{names[number]}: its list gives {' and '.join(told)}, which count only with "
-        "[plantings.targets]; the trees have the sizes of their species"
-    )
-    return [sentence] if told else []
 
 
 def _listed(

@@ -50,7 +50,16 @@ def run(chosen: argparse.Namespace) -> None:
     SpecError : words that do not go together, or what cannot be scanned.
     """
     if chosen.list:
-        list_scanners()
+        print(f"{'scanner':<20}{'instrument':<34}{'on':<22}{'range, m':>10}{'mrad':>12}{'kHz':>7}")
+        for name in scanner_names():
+            file = read_scanner(name)
+            kind, table = next(iter(file.tables.items()))
+            sensor = structure(table, SENSORS[kind])
+            spread = " x ".join(f"{a:g}" for a in dict.fromkeys(sensor.beam.divergence_mrad))
+            print(
+                f"{name:<20}{file.title:<34}{', '.join(file.tables):<22}"
+                f"{sensor.max_range:>10g}{spread:>12}{sensor.pulse_rate / 1e3:>7.0f}"
+            )
         return
     if chosen.like:
         _refuse(chosen, (*OWN, "survey", "format"), "does not go with --like, which writes a scene")
@@ -110,21 +119,6 @@ def _offset(chosen: argparse.Namespace) -> Offset:
     wkt_of(chosen.crs)
     metres = numbers("--offset", chosen.offset, 3) if chosen.offset else (0.0, 0.0, 0.0)
     return Offset(metres, chosen.crs)
-
-
-def list_scanners() -> None:
-    """Print every preset: platforms, range, divergence, rate."""
-
-    print(f"{'scanner':<20}{'instrument':<34}{'on':<22}{'range, m':>10}{'mrad':>12}{'kHz':>7}")
-    for name in scanner_names():
-        file = read_scanner(name)
-        kind, table = next(iter(file.tables.items()))
-        sensor = structure(table, SENSORS[kind])
-        spread = " x ".join(f"{a:g}" for a in dict.fromkeys(sensor.beam.divergence_mrad))
-        print(
-            f"{name:<20}{file.title:<34}{', '.join(file.tables):<22}"
-            f"{sensor.max_range:>10g}{spread:>12}{sensor.pulse_rate / 1e3:>7.0f}"
-        )
 
 
 def sensor_of(

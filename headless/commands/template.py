@@ -22,7 +22,6 @@ from forest_addon.growth.library import (
     load_species,
     make_library,
 )
-from forest_addon.growth.likeness import Verdict
 from forest_addon.growth.own_tree.anatomy import OFF, Anatomy
 from forest_addon.growth.own_tree.pieces import Group
 from forest_addon.growth.own_tree.relay import farthest_off, hold_rings
@@ -96,7 +95,16 @@ def make_template(
     if made.verdict is not None:
         _show_siblings(made, min(SENSED, siblings), out / "siblings.png", say)
         written += ", siblings.png" if can_draw() else ""
-        _tell_verdict(made.verdict, written, accept, say)
+        if made.verdict.variety < 1:
+            say(f"Variety: {made.verdict.variety:g}, with which siblings come nearest to the tree")
+        if made.verdict.missed:
+            say(f"In doubt: {made.verdict.sentence}.")
+        if not made.verdict.stands and not accept:
+            say(f"Wrote {written}, and no scene.")
+            raise UnlikeError(
+                f"{made.verdict.sentence}; look at siblings.png and recognised.png, mend the mesh, or plant "
+                "them all the same with --accept"
+            )
     say(f"Wrote {written} and scene.toml.")
     say(f"Next: {PROGRAM} run {out / 'scene.toml'}")
     return made.species
@@ -111,25 +119,6 @@ def _drawn(problem: NotUnderstoodError, name: str, out: Path) -> str:
     out.mkdir(parents=True, exist_ok=True)
     picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
     return f"{problem.problem.removesuffix('.')} (see {picture})."
-
-
-def _tell_verdict(verdict: Verdict, written: str, accept: bool, say: Say) -> None:
-    """Say whether siblings may be planted.
-
-    Raises
-    ------
-    UnlikeError : they may not, and were not accepted.
-    """
-    if verdict.variety < 1:
-        say(f"Variety: {verdict.variety:g}, with which siblings come nearest to the tree")
-    if verdict.missed:
-        say(f"In doubt: {verdict.sentence}.")
-    if not verdict.stands and not accept:
-        say(f"Wrote {written}, and no scene.")
-        raise UnlikeError(
-            f"{verdict.sentence}; look at siblings.png and recognised.png, mend the mesh, or plant "
-            "them all the same with --accept"
-        )
 
 
 def _groups(wood: Path, leaves: Path | None) -> list[Group]:

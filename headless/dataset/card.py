@@ -285,6 +285,7 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
     points = sum(sum(record["points"].values()) for record in records)
     species = sorted({name for record in records for name in record["species"]})
     lost = len(wanted) - len(done)
+    files = [disk.RECORD, *(name for record in records for name in record["files"])]
     whys = [why for record in records for why in record.get("empty", {}).values()]
     lines = [
         f"# {_text(plan.head.name)}",
@@ -321,7 +322,11 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         *_what_varied(plan),
         "## What a scene's folder holds",
         "",
-        *(f"- `{name}`: {what}" for name, what in FILES.items() if _is_there(name, records)),
+        *(
+            f"- `{name}`: {what}"
+            for name, what in FILES.items()
+            if any(file.endswith(name.replace("NAME", "").replace("*", "")) for file in files)
+        ),
         "",
         "![What varied](varied.png)",
         "",
@@ -347,13 +352,6 @@ def _text(words: str) -> str:
 def _code(words: str) -> str:
     """Words between backticks of a table: an entity would be shown as it is."""
     return " ".join(plain(words).replace("`", "'").replace("|", "\\|").split())
-
-
-def _is_there(pattern: str, records: Sequence[dict[str, Any]]) -> bool:
-    ending = pattern.replace("NAME", "").replace("*", "")
-    return any(name.endswith(ending) for record in records for name in record["files"]) or (
-        ending == disk.RECORD
-    )
 
 
 def _what_varied(plan: Plan) -> list[str]:

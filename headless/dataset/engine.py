@@ -183,22 +183,16 @@ def _begin(threads: int, words: Path) -> None:
     for stream in (1, 2):
         os.dup2(said, stream)
     threading.Thread(target=_end_with_starter, daemon=True).start()
-    _import_blender()
-    from .scene import Session
-
-    _session = Session(threads)
-    atexit.register(os._exit, 0)  # Blender may hang when its interpreter ends
-
-
-def _import_blender() -> None:
-    """Import Blender from where it is installed: with a starter that has loaded it come its own modules, the
-    inner ``bpy`` among them.
-    """
+    # From where it is installed: with a starter that has loaded it come its own modules, an inner ``bpy``.
     with contextlib.suppress(PackageNotFoundError):  # it came otherwise, and is imported as usual
         spec = PathFinder.find_spec("bpy", [str(distribution("bpy").locate_file(""))])
         if spec is not None and spec.loader is not None:
             sys.modules["bpy"] = module_from_spec(spec)
             spec.loader.exec_module(sys.modules["bpy"])
+    from .scene import Session
+
+    _session = Session(threads)
+    atexit.register(os._exit, 0)  # Blender may hang when its interpreter ends
 
 
 def _end_with_starter() -> None:
@@ -624,15 +618,10 @@ def _ahead(client: Any, address: str) -> int:
     OSError : it has gone away.
     """
     gone = _gone(address, "it has gone away")
-    if client.status != "running" or not _answers(client):
+    stream = getattr(client, "scheduler_comm", None)
+    if client.status != "running" or stream is None or stream.comm.closed():
         raise gone
     try:
         return max(LEAST_AHEAD, AHEAD * sum(client.nthreads().values()))
     except (OSError, TimeoutError, CancelledError):
         raise gone from None
-
-
-def _answers(client: Any) -> bool:
-    """Return whether the scheduler is still there."""
-    stream = getattr(client, "scheduler_comm", None)
-    return stream is not None and not stream.comm.closed()

@@ -70,7 +70,13 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
     claim(*(out / name for name in ("plan.toml", MANIFEST, *CARD)))
     if asked.store is not None:
         claim_store(asked.store, "a dataset", goes_on=True)
-        _take_scenes(asked.store / disk.SCENES, out)
+        there = asked.store / disk.SCENES  # finished scenes that this folder has not
+        for scene in sorted(there.iterdir()) if there.is_dir() else ():
+            final = out / disk.SCENES / scene.name
+            if scene.name.isdigit() and not final.exists() and (scene / disk.RECORD).is_file():
+                partial = disk.begin(out, int(scene.name))
+                fetch(scene, partial)
+                os.rename(partial, final)
     missing = _missing(wanted, out, asked.replace)
     import tomli_w
 
@@ -91,21 +97,6 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
             "are "
             f"in {out}. The same command tries again"
         )
-
-
-def _take_scenes(there: Path, out: Path) -> None:
-    """Copy from a store the finished scenes that a folder has not.
-
-    Raises
-    ------
-    OSError : one cannot be read or written.
-    """
-    for scene in sorted(there.iterdir()) if there.is_dir() else ():
-        final = out / disk.SCENES / scene.name
-        if scene.name.isdigit() and not final.exists() and (scene / disk.RECORD).is_file():
-            partial = disk.begin(out, int(scene.name))
-            fetch(scene, partial)
-            os.rename(partial, final)
 
 
 def _copy_scene(folder: Path, store: Path) -> None:

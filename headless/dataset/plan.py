@@ -20,7 +20,7 @@ import copy
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -61,22 +61,6 @@ from . import vary
 from .place import refuse_out_of_range
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
 from .vary import randomised
-
-
-def refuse_without_chance(species: Iterable[tuple[str, Path, set[str]]]) -> None:
-    """Refuse species, each with the folder its file starts from and the splits it stands in.
-
-    Raises
-    ------
-    SpecError : one of more than one split whose trees are all the same.
-    """
-    for name, folder, splits in species:
-        if len(splits) > 1 and not knows_chance(name, folder):
-            raise SpecError(
-                "splits",
-                f'"{name}" knows no chance, so {" and ".join(sorted(splits))} would share its one tree; '
-                'choose another species, splits.by = "species", or splits.share_trees = true',
-            )
 
 
 @cache
@@ -319,25 +303,21 @@ def read_plan(path: Path, overrides: Sequence[str] = ()) -> Plan:
     tables, written = without_version(read_tables(path), str(path))
     try:
         for said in overrides:
-            _override(tables, said)
+            key, equals, value = said.partition("=")
+            if not equals:
+                raise SpecError("--set", f'"{said}" must be KEY=VALUE')
+            try:
+                parsed = parse_tables(f"value = {value}", "--set")["value"]
+            except SpecError:
+                parsed = value
+            key = key.strip()
+            if key.startswith("vary."):  # what follows is one key, dots and all
+                tables.setdefault("vary", {})[key.removeprefix("vary.")] = parsed
+            else:
+                put(tables, key, parsed)
         return _plan(path, tables)
     except SpecError as problem:
         raise SpecError(str(path), f"{problem.key}: {problem.problem}{later(written)}") from None
-
-
-def _override(tables: dict[str, Any], said: str) -> None:
-    key, equals, value = said.partition("=")
-    if not equals:
-        raise SpecError("--set", f'"{said}" must be KEY=VALUE')
-    try:
-        parsed = parse_tables(f"value = {value}", "--set")["value"]
-    except SpecError:
-        parsed = value
-    key = key.strip()
-    if key.startswith("vary."):  # what follows is one key, dots and all
-        tables.setdefault("vary", {})[key.removeprefix("vary.")] = parsed
-    else:
-        put(tables, key, parsed)
 
 
 def _plan(path: Path, tables: dict[str, Any]) -> Plan:
@@ -430,10 +410,13 @@ def recipes(plan: Plan, numbers: Sequence[int] | None = None) -> list[Recipe]:
             for planting in recipe.scene.get("plantings", []):
                 key = str(planting["species"]), Path(recipe.folder)
                 splits.setdefault(key, set()).add(recipe.split)
-        try:
-            refuse_without_chance((*key, names) for key, names in splits.items())
-        except SpecError as problem:
-            raise SpecError(str(plan.path), f"{problem.key}: {problem.problem}") from None
+        for (name, folder), names in splits.items():
+            if len(names) > 1 and not knows_chance(name, folder):
+                raise SpecError(
+                    str(plan.path),
+                    f'splits: "{name}" knows no chance, so {" and ".join(sorted(names))} would share its '
+                    'one tree; choose another species, splits.by = "species", or splits.share_trees = true',
+                )
     return drawn_recipes
 
 

@@ -448,6 +448,8 @@ def turning_cloud(cloud: Cloud, species: Sequence[str], budget: int = BUDGET) ->
         f'<option value="{key}"{" selected" if key == "organ" else ""}>{title}</option>'
         for key, title in options
     )
+    # Within an element ``script``, which knows no entities and ends at its end tag.
+    inside = json.dumps(about).translate({ord(c): f"\\u{ord(c):04x}" for c in "&<>"})
     return (
         '<figure class="cloud"><canvas></canvas><div class="tools">'
         f"<label>Colour <select>{chosen}</select></label>"
@@ -455,15 +457,9 @@ def turning_cloud(cloud: Cloud, species: Sequence[str], budget: int = BUDGET) ->
         '<label>Cut in front <input type="range" min="1" max="100" value="100"></label>'
         f'<span class="legend"></span></div><figcaption>{"; ".join(said)}. Drag to turn, wheel to come '
         "nearer, right button to shift.</figcaption>"
-        f'<script type="application/json" class="about">{_in_script(about)}'
+        f'<script type="application/json" class="about">{inside}'
         f'</script><script type="text/plain" class="bytes">{packed}</script></figure>'
     )
-
-
-def _in_script(value: Any) -> str:
-    """JSON within an element ``script``, which knows no entities and ends at its end tag."""
-    text = json.dumps(value)
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def viewer() -> str:

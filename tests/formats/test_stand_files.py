@@ -4,6 +4,7 @@ import csv
 import gzip
 import json
 import zipfile
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -181,14 +182,21 @@ FOREIGN = {
         "azimuth,dist_m,dbh,h,plot\n42.51044708,8.139410298,0.24,18.288,1\n"
         "41.18592517,10.63014581,0.31,,1\n"
     ),
+    "titles of a sheet": "Plot 7, wet\n;;;;\nPlace;;Sizes;\nx;y;BHD (cm);h;n\n5.5;6;24;18.288;\n7;8;31;;\n",
+    "a row of units": "n;x;y;DBH;Height\n;m;m;cm;m\n1;5,5;6;24;18,2880\n2;7;8;31;\n",
+    "Excel's words": "x;y;dbh;h;lebend\n5,5;6;0,24;18,2880;WAHR\n1;1;0,3;;FALSCH\n7;8;0,31;;WAHR\n",
     "gons": "azimuth_gon,dist,dbh,h\n47.23383009,8.139410298,0.24,18.288\n45.76213908,10.63014581,0.31,\n",
 }
 
 
+ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252", "gzip")
+
+
 @pytest.mark.parametrize(
-    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252", "gzip"]
+    ("text", "encoding"),
+    [(text, ENCODINGS[k % len(ENCODINGS)]) for k, text in enumerate(FOREIGN.values())]
+    + [(FOREIGN["French"], encoding) for encoding in ENCODINGS],
 )
-@pytest.mark.parametrize("text", FOREIGN.values(), ids=FOREIGN)
 def test_lists_of_other_programs_are_read_in_metres(tmp_path, text, encoding):
     path = tmp_path / ("t.csv.gz" if encoding == "gzip" else "t.csv")
     path.write_bytes(gzip.compress(text.encode()) if encoding == "gzip" else text.encode(encoding))
@@ -222,7 +230,7 @@ def planted(path, crs="EPSG:32632", **kinds):
 
 
 @pytest.mark.parametrize(
-    "kind", ["geojson", "xlsx", "gpkg", "shp", "degrees.csv", "degrees.geojson"]
+    "kind", ["geojson", "xlsx", "gpkg", "shp", "zip", "degrees.csv", "degrees.geojson"]
 )
 def test_a_stand_in_the_formats_of_maps_and_sheets_is_planted_again(stand, tmp_path, kind):
     path = tmp_path / f"p.{kind}"
@@ -252,13 +260,18 @@ def test_a_stand_in_the_formats_of_maps_and_sheets_is_planted_again(stand, tmp_p
         shapely, raw = pytest.importorskip("shapely"), pytest.importorskip("pyogrio.raw")
         shapes = shapely.to_wkb(shapely.points(place))
         raw.write(
-            path,
+            path.with_suffix(".shp") if kind == "zip" else path,
             shapes,
             [np.array(species, object)],
             ["species"],
             geometry_type="Point",
             crs="EPSG:32632",
         )
+    if kind == "zip":
+        with zipfile.ZipFile(path, "w") as archive:
+            for part in tmp_path.glob("p.[!z]*"):
+                archive.write(part, part.name)
+                part.unlink()
     again = planted(path)
     assert again.position[:, :2] == pytest.approx(stand.position[:, :2], abs=1e-6)
     assert (again.species == stand.species).all()
@@ -300,6 +313,39 @@ def test_points_of_maps_in_three_dimensions_or_without_a_place(tmp_path):
     assert "t.json: left out 1 row without x or y" in found.said
 
 
+def test_other_words_of_a_status_are_said_to_be_living(tmp_path):
+    (tmp_path / "t.csv").write_text("x,y,status\n1,2,alive\n3,4,Rotten\n5,6,stump\n")
+    found = read_tree_list(tmp_path / "t.csv")
+    assert found.position.tolist() == [[1, 2], [3, 4]]
+    assert "t.csv: taken for living: status rotten" in found.said
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("t.xls", "x,y\n1,2\n", "a kind of table that is not read"),
+        ("t.json", "{}", "cannot be read as a table of trees"),
+        ("t.json", '{"features": [{"geometry": {"type": "LineString", "coordinates": [[1, 2]]}, '
+         '"properties": null}]}', "has a LineString; give trees as points"),
+    ],
+)  # fmt: skip
+def test_files_of_other_kinds_are_refused(tmp_path, name, text, said):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(SpecError, match=said):
+        read_tree_list(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("place", "said"), [("11.57,48.1", ""), ("48.1,11.57", "far from where EPSG:32632 is used")]
+)
+def test_degrees_far_from_the_map_are_refused(tmp_path, place, said):
+    pytest.importorskip("pyproj")
+    east, north = map(float, place.split(","))
+    (tmp_path / "t.csv").write_text(f"x,y\n{place}\n{east + 1e-4},{north}\n{east},{north + 1e-4}\n")
+    with pytest.raises(SpecError, match=said) if said else nullcontext():
+        assert read_tree_list(tmp_path / "t.csv", crs="EPSG:32632").position.min() > 1e5
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -319,6 +365,12 @@ def test_points_of_maps_in_three_dimensions_or_without_a_place(tmp_path):
         ("azimuth,dist\n390,4\n", "azimuths above 360 degrees"),
         ("azimuth,dist,plot\n90,4,1\n80,4,2\n", "trees of several plots"),
         ("x,y\n" + "1,1\n" * 60, "60 rows at one place, as of a plot"),
+        ("x;y;h\n567.123;6;30,5\n567.9;6;30,5\n", 'x is "567.123", which may be thousands'),
+        ("x;y;h\n567,123;6;30.5\n", 'x is "567,123", which may be thousands'),
+        ("azimuth,dist\n30,-4\n", "distances below 0"),
+        ("x,y,plot\n1,1,a\n1,1,b\n", "several plots or years at one place"),
+        ("x,y,year\n1,1,2010\n1,1,2020\n", "several plots or years at one place"),
+        ("x,y,dbh_in,height\n1,2,12,60\n3,4,10,55\n", "times as tall as thick"),
         ('x,y,note\n1,2,"never ends\n3,4,a\n', "cannot be read"),
     ],
 )

@@ -8,14 +8,19 @@ from references.rays import BruteCaster, ground, scene_with, wall
 from scipy.spatial.transform import Rotation
 
 from forest_addon import kernels
-from forest_addon.acoustics.disc import disc_amplitudes
+from forest_addon.acoustics.disc import MODELS, disc_amplitudes
 from forest_addon.acoustics.gridding import grid_of, kernel, lay
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.waveform import Bins, find_echoes
-from forest_addon.sensing.sonar.leaves import FoliageDiscs, LeafDiscs, LeafEchoes
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.sonar.beam import MeasuredBeam
+from forest_addon.sensing.sonar.calls import Band
+from forest_addon.sensing.sonar.leaves import LeafDiscs, LeafEchoes
+from forest_addon.sensing.sonar.search import search
 from forest_addon.sensing.sonar.station import Equipment, Station, posed
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.sensing.sonar.wood import CylinderStrength
 from forest_addon.spec import Air, Beam, Mobile, Noise, Pose, Sonar, Surfaces, Terrestrial
 
@@ -202,25 +207,65 @@ def test_cylinders_are_as_loud(both):
     assert (np.abs(one - other) <= 1e-13 * np.abs(other).max(axis=1, keepdims=True)).all()
 
 
-def test_opened_leaves_are_placed_alike(both):
-    """Discs that are turned and scaled; paths to three ears, also of places on the axis and behind."""
-    rng = np.random.default_rng(7)
-    centre, normal = rng.normal(size=(2, 400, 3))
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    transform = np.column_stack([2 * Rotation.from_rotvec([1, 2, 3]).as_matrix(), [3, 4, 5]])
-    one = np.zeros(400, np.int64)
-    discs = FoliageDiscs.of_discs(LeafDiscs(centre, normal, np.ones(400), one, one, one))
-    rows = rng.permutation(400)[:300]
+def test_ways_are_the_same(both):
+    """Paths to three ears, also of places on the axis and behind, and angles of leaves there."""
     sonar = Sonar(ears=3, ear_turn_deg=20.0)
     station = Station(sonar, Air(), posed(sonar), Equipment.of(sonar))
     ahead = station.point + np.array([[1.0], [-1.0]]) * station.pose.frame[0]
+    centre, normal = np.random.default_rng(7).normal(size=(2, 400, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    row, one = np.arange(400), np.ones(400)
+    leaves = LeafEchoes(centre, row, normal, one, one, "paper")
 
-    def placed():
-        centres, normals, radius = discs.moved(transform, rows)
-        places = np.concatenate([centres, ahead])
-        leaves = LeafEchoes(centres, rows, normals, radius, radius, "paper")
-        paths = station.paths(places)
-        return centres, normals, leaves.incidence(station.point), *vars(paths).values()
+    def seen():
+        paths = station.paths(np.concatenate([centre, ahead]))
+        return leaves.incidence(station.point), *vars(paths).values()
 
-    for found, expected in zip(*both(placed), strict=True):
+    for found, expected in zip(*both(seen), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+
+
+BEAMS = {
+    "gaussian": {},
+    "horseshoe": {"beam": "horseshoe", "band": (60e3, 80e3), "ears": 1},
+    "apart": {"ear_spacing": 0.3, "ears": 3, "record": 0.03, "hearing": "omni"},
+    "measured": {"beam": "file", "beam_file": "beam.csv", "hearing": "same"},
+}
+MEASURED = MeasuredBeam(
+    np.array([0.0, 0.5, 1.0, 3.0]),
+    np.array([50e3, 70e3]),
+    np.array([[0.0, 0.0], [-6.0, -9.0], [-20.0, -25.0], [-300.0, -400.0]]),
+)
+
+
+@pytest.mark.parametrize("settings", BEAMS.values(), ids=BEAMS)
+@pytest.mark.parametrize("model", MODELS)
+def test_opened_leaves_are_the_same(both, model, settings):
+    """Two instances, turned and mirrored, of leaves of any size, too near, too far, not finite."""
+    rng = np.random.default_rng(11)
+    count, one = 700, np.zeros(700, np.int64)
+    centre = 5.0 * rng.uniform(-1, 1, (count, 3)) * rng.uniform(0, 1, (count, 1)) ** 2
+    normal = rng.normal(size=(count, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    radius = 10.0 ** rng.uniform(-3.5, -0.8, count)
+    radius[5], radius[7], centre[9, 1] = np.nan, 0.0, np.inf
+    still = EchoTargets.of_discs(LeafDiscs(centre, normal, radius, one, np.arange(count) // 2, one))
+    turn = Rotation.from_rotvec([1, 2, 3]).as_matrix()
+    places = np.stack([np.eye(3, 4), np.column_stack([-0.7 * turn, [1.0, 0.5, 0.2]])])
+    two = np.zeros(2, np.int64)
+    scene = SceneGeometry(still.scene.meshes, places, two, ("a", "b"), two, two)
+    targets = EchoTargets(scene, still)
+    sonar = Sonar(position=(0, 0, 0), max_range=4.0, near_limit=0.2, leaf_model=model, cull=1e-2)
+    sonar = sonar.changed(**settings)
+    beam = MEASURED if sonar.beam == "file" else None
+    station = Station(sonar, Air(), posed(sonar), Equipment.of(sonar, beam))
+    latest = sonar.record or np.inf
+    band = Band(*sonar.band)
+    found, expected = both(lambda: search(targets, station, band, None, latest))
+    assert found.counts == expected.counts
+    assert found.bound == pytest.approx(expected.bound, rel=1e-6)
+    assert min(found.counts.broken, found.counts.near, found.counts.far) > 0
+    assert len(found.groups) == {"paper": 1, "piston": 2, "exact": 3}[model]
+    for one, other in zip(found.groups, expected.groups, strict=True):
+        alike(one, other)
+        assert len(one) > 1

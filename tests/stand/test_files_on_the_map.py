@@ -15,7 +15,7 @@ import tifffile
 
 from forest_addon.formats.helios.parts import Material
 from forest_addon.formats.helios.parts import read_terrain as survey_ground
-from forest_addon.formats.raster_file import CLOUDS, POINTS
+from forest_addon.formats.raster_file import CLOUDS, POINTS, read_raster
 from forest_addon.results.points import ENDINGS
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
 from forest_addon.stand.compose import process_of
@@ -211,6 +211,24 @@ def test_the_page_names_every_ending_that_is_read():
     assert set(re.findall(r"`(\.[\w.]+)`", said)) == {*ENDINGS} - {".xyz", ".npz", ".csv"}
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        (
+            "t.asc",
+            "ncols 2\nnrows 2\nxllcorner 11\nyllcorner 48\ncellsize 1e-4\n1 2\n3 4\n",
+            "degrees",
+        ),
+        ("t.xyz", "lat lon z\n48 11 1\n48 11.1 2\n48.1 11 3\n", "lies in degrees"),
+        ("t.csv", "a,b,c\n1,2,3\n2,1,3\n", "does not name its columns x, y and z"),
+    ],
+)
+def test_text_in_degrees_or_of_other_columns_is_refused(tmp_path, name, text, said):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(SpecError, match=said):
+        read_raster(tmp_path / name)
+
+
 def test_degrees_are_refused_with_the_zone(tmp_path):
     degrees = np.array([[1e-5, 0, 9.0], [0, -1e-5, 48.75]])
     geotiff(tmp_path / "dem.tif", heights(), degrees, {1024: 2, 2048: 4326})
@@ -335,6 +353,9 @@ def written(path, kind):
         path.write_text(
             "x y z\n" + "\n".join("{:.2f} {:.2f} {:.3f}".format(*r) for r in rows[::-1])
         )
+    elif kind == "named":  # in another order, and in centimetres
+        lines = ["{2:.1f};7;{0:.2f};{1:.2f}".format(*r[:2], 100 * r[2]) for r in rows]
+        path.write_text("\n".join(["elev_cm;id;Rechtswert;Hochwert", *lines]))
     elif kind == "commas":
         path.write_text("\n".join("{:.2f},{:.2f},{:.3f}".format(*r) for r in rows))
     else:
@@ -356,6 +377,7 @@ def written(path, kind):
         ("dem.asc", "decimal commas"),
         ("dem.xyz", "xyz"),
         ("dem.csv", "commas"),
+        ("dem.txt", "named"),
         ("ground.laz", "cloud"),
     ],
 )

@@ -141,12 +141,12 @@ def _lines_of(path: Path) -> list[str]:
     stands where it ends."""
     text = re.sub("#.*", "", path.read_text("utf-8", errors="replace")).replace("\t", " ")
     if "\\\n" in text:
-        text = re.sub(r"(?m)^(?:.*\\\n)+.*", _on_one_line, text)
+        text = re.sub(
+            r"(?m)^(?:.*\\\n)+.*",
+            lambda lines: "\n" * lines[0].count("\n") + lines[0].replace("\\\n", " "),
+            text,
+        )
     return [line.strip() for line in text.splitlines()]
-
-
-def _on_one_line(lines: re.Match[str]) -> str:
-    return "\n" * lines[0].count("\n") + lines[0].replace("\\\n", " ")
 
 
 def _material_files(path: Path, lines: list[str]) -> list[Path]:

@@ -105,7 +105,11 @@ def false_echoes(scanner: Scanner, keys: np.ndarray) -> WaveformEchoes:
     """Echoes of noise alone, of pulses with these keys (P,); their contact is -1."""
     snr, beam = scanner.receiver.threshold_snr, scanner.beam
     gate = 2 * (scanner.max_range - scanner.min_range) / LIGHT
-    count = _poisson(keyed_uniform(keys, "false"), false_alarm_rate(snr, beam.pulse_ns) * gate)
+    mean = false_alarm_rate(snr, beam.pulse_ns) * gate
+    log = np.log(max(mean, 1e-300))  # of a mean of 0, too
+    most = range(1, int(mean + 10 * np.sqrt(mean) + 20))
+    terms = np.exp(-mean + np.cumsum([0.0, *(log - np.log(k) for k in most)]))  # a Poisson law's
+    count = np.searchsorted(np.cumsum(terms), keyed_uniform(keys, "false"), "right")
     pulse = np.repeat(np.arange(len(keys)), count)
     drawn = child_keys(keys[pulse], PLACE + ranks(pulse))
     place, height = keyed_uniform(drawn, "where"), keyed_uniform(drawn, "height")
@@ -118,14 +122,6 @@ def false_echoes(scanner: Scanner, keys: np.ndarray) -> WaveformEchoes:
         width=np.full(len(pulse), pulse_length(beam.pulse_ns)),
         contact=np.full(len(pulse), -1),
     )
-
-
-def _poisson(chance: np.ndarray, mean: float) -> np.ndarray:
-    """(P,) counts of a Poisson law from even chances (P,) in [0, 1)."""
-    most = int(mean + 10 * np.sqrt(mean) + 20)
-    log = np.log(max(mean, 1e-300))  # of a mean of 0, too
-    terms = np.exp(-mean + np.cumsum([0.0, *(log - np.log(k) for k in range(1, most))]))
-    return np.asarray(np.searchsorted(np.cumsum(terms), chance, "right"))
 
 
 def unambiguous_range(scanner: Scanner) -> float:

@@ -50,6 +50,11 @@ class BeamPattern(ABC):
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         """(D, Q) what the terms are multiplied with at frequencies (Q,)."""
 
+    @property
+    def steepness(self) -> np.ndarray:
+        """(2,) of the logarithm of the gain over squared offsets, at any frequency; NaN of another form."""
+        return np.full(2, np.nan)
+
     @abstractmethod
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         """(M,) no gain in the band is larger at ``away`` (M,) radians off the axis or more."""
@@ -74,11 +79,15 @@ class GaussianBeam(BeamPattern):
     width: tuple[float, float]
 
     def terms(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
-        along, up = -2.0 * HALF_POWER / np.square(self.width)
+        along, up = self.steepness
         return (along * np.square(az) + up * np.square(el))[None]
 
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         return np.ones((1, len(frequency)))
+
+    @property
+    def steepness(self) -> np.ndarray:
+        return np.asarray(-2.0 * HALF_POWER / np.square(self.width))
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(self.terms(az, el)[0])

@@ -88,7 +88,8 @@ class FoliageDiscs:
     def __init__(self, mesh: TriMesh) -> None:
         facets = np.flatnonzero(mesh.leaf >= 0)
         facets = facets[np.argsort(mesh.leaf[facets], kind="stable")]
-        owner, self.leaf = own_pieces(mesh.leaf[facets], mesh.triangles[facets])
+        owner, leaf = own_pieces(mesh.leaf[facets], mesh.triangles[facets])
+        self.leaf = leaf.astype(np.int64)
         order = np.argsort(owner, kind="stable")
         facets, owner = facets[order], owner[order]
         self._first = np.searchsorted(owner, np.arange(len(self.leaf) + 1))
@@ -111,18 +112,11 @@ class FoliageDiscs:
         """The leaves, or those of some rows, through one (3, 4) transform."""
         linear = transform[:, :3]
         rows = np.arange(len(self.leaf)) if rows is None else rows
-        scale = similarity(linear)
-        if scale is not None:
+        scale = float(similarity(linear))
+        if scale >= 0:
             centre, normal, radius = self.local
-            moved, turned = np.empty((2, len(rows), 3))
-            library = kernels.library()
-            if library is None:
-                moved = apply_transform(transform, centre[rows])
-                turned = normal[rows] @ linear.T / (scale or 1.0)
-            else:
-                given = len(rows), rows, centre, normal, np.ascontiguousarray(transform)
-                library.move_discs(*given, scale or 1.0, moved, turned)
-            return moved, turned, scale * radius[rows]
+            turned = normal[rows] @ linear.T / (scale or 1.0)
+            return apply_transform(transform, centre[rows]), turned, scale * radius[rows]
         size = self._first[rows + 1] - self._first[rows]
         owner = np.repeat(np.arange(len(rows)), size)
         facet = np.arange(len(owner)) + np.repeat(self._first[rows] - np.cumsum(size) + size, size)
@@ -144,13 +138,13 @@ def own_pieces(number: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, n
     return owner.ravel(), pairs[:, 0].astype(leaf.dtype)
 
 
-def similarity(linear: np.ndarray) -> float | None:
-    """The scale of a (3, 3) matrix that turns, mirrors and scales evenly; None of any other."""
-    gram = linear.T @ linear
-    scale = math.sqrt(max(gram[0, 0], 0.0))
-    if np.abs(gram - scale**2 * np.eye(3)).max() <= SIMILAR * scale**2:
-        return scale
-    return None
+def similarity(linear: np.ndarray) -> np.ndarray:
+    """(...) scales of matrices (..., 3, 3) that turn, mirror and scale evenly; NaN of any other."""
+    gram = np.swapaxes(linear, -1, -2) @ linear
+    scale = np.sqrt(gram[..., 0, 0])
+    square = gram[..., :1, :1]
+    even = (np.abs(gram - square * np.eye(3)) <= SIMILAR * square).all(axis=(-1, -2))
+    return np.where(even, scale, np.nan)
 
 
 def cofactor(linear: np.ndarray) -> np.ndarray:
@@ -196,7 +190,9 @@ def _sum(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
 
 LATER = 1.0  # radii by which a disc's response that crosses its face is later than that of its rims
 PAPER_REACH = 0.3  # radii to both sides
-PAPER_TURN = 0.36  # radians at ka = 1 by which the fit's angle turns while the frequency doubles
+PAPER_TURN = (
+    0.45  # about radians at ka = 1 by which the fit's angle turns while the frequency doubles
+)
 GRAZING = (
     np.pi / 3
 )  # beyond it, the formula for large discs is up to 79 % off; they are faint there
@@ -240,11 +236,11 @@ class DiscStrength(Strength):
 
     def reach(self, wavenumber: float) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim
-            turn = (
-                PAPER_TURN * self.incidence * np.maximum(wavenumber * self.radius, 1e-3) ** -0.9065
-            )
+            turn = PAPER_TURN * self.incidence / np.maximum(wavenumber * self.radius, 1e-3)
             return PAPER_REACH * self.radius + turn / wavenumber
-        rims = 2.0 * self.radius * np.sin(self.incidence)
+        rims = (
+            2.0 * self.radius * np.sin(self.incidence.astype(np.float32))
+        )  # in a tenth of the time
         if self.model == "exact":
             return rims + LATER * self.radius
         return rims if self.side is None else np.where(self.side == 0, rims, 0.0)
@@ -358,8 +354,8 @@ class NearFaces(Rims):
         return self.count(instance, self.close)
 
 
-def near_faces(leaves: LeafEchoes, sight: Sight) -> NearFaces:
-    """Discs as polygons of equal area, in pieces."""
+def near_faces(leaves: LeafEchoes, sight: Sight) -> tuple[NearFaces, np.ndarray]:
+    """Discs as polygons of equal area, in pieces, disc by disc, and (M,) the rows of their discs."""
     centre, normal = leaves.centre - sight.point, leaves.normal
     radius, number = leaves.radius, leaves.number
     height = np.einsum("mi,mi->m", centre, normal)
@@ -374,7 +370,7 @@ def near_faces(leaves: LeafEchoes, sight: Sight) -> NearFaces:
     longest = PIECE * np.sqrt(2.0 * math.pi * nearest / sight.wavenumber)
     corners = np.clip(2.0 * math.pi * radius / longest, *CORNERS)
     corners = (16 * np.ceil(corners / 16)).astype(np.int64)
-    pieces = []
+    pieces, rows = [], []
     for count in distinct(corners).tolist():
         some = corners == count
         angle = 2.0 * math.pi * np.arange(count) / count
@@ -387,15 +383,24 @@ def near_faces(leaves: LeafEchoes, sight: Sight) -> NearFaces:
         row = np.flatnonzero(some).repeat(count)
         pieces.append(rims(ends, foot[row], normal[row], height[row], number[row], sight))
         share = share_of_turn(ring, foot[some], normal[some])
-        glint = share > 0
-        pieces.append(
-            glints(foot[some][glint], height[some][glint], share[glint], number[some][glint])
-        )
-    made = Rims.joined(pieces)
-    close = number[np.linalg.norm(centre, axis=1) < CLOSE * sight.wavenumber * radius**2]
+        glint = np.flatnonzero(some)[share > 0]
+        pieces.append(glints(foot[glint], height[glint], share[share > 0], number[glint]))
+        rows += [row, glint]
+    row = np.concatenate(rows)
+    order = np.argsort(row, kind="stable")
+    made, row = Rims.joined(pieces).select(order), row[order]
+    close = np.linalg.norm(centre, axis=1) < CLOSE * sight.wavenumber * radius**2
     return NearFaces(
-        made.centre + sight.point, made.number, made.weight, made.slope, np.isin(made.number, close)
-    )
+        made.centre + sight.point, made.number, made.weight, made.slope, close[row]
+    ), row
+
+
+def near_groups(leaves: LeafEchoes, sight: Sight) -> list[tuple[Scatterers, np.ndarray]]:
+    """Near leaves as their faces, and what exact ones add, each with the rows of its leaves."""
+    groups: list[tuple[Scatterers, np.ndarray]] = [near_faces(leaves, sight)]
+    if leaves.model == "exact":
+        groups.append((NearEdges(**vars(leaves)), np.arange(len(leaves))))
+    return groups
 
 
 @dataclass(frozen=True)
@@ -472,7 +477,7 @@ class LeafPopulation(Population):
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
         order = self.blocks.order
-        return self._foliage.local[0][order], self._foliage.leaf[order].astype(np.int64)
+        return self._foliage.local[0][order], self._foliage.leaf[order]
 
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         widened = np.sqrt(views.stretch[:, 0] * views.stretch[:, 1]) * self._largest[views.block]
@@ -525,7 +530,7 @@ class LeafPopulation(Population):
     def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> list[Scatterers]:
         leaf = self.blocks.order[rows]
         centre, normal, radius = self._foliage.moved(transform, leaf)
-        number = self._foliage.leaf[leaf].astype(np.int64)
+        number = self._foliage.leaf[leaf]
         if sight.turns is not None:
             centre, normal = sight.turns(number, centre, normal)
         far = LeafEchoes(centre, number, normal, radius, np.ones(len(leaf)), self._model)
@@ -535,8 +540,9 @@ class LeafPopulation(Population):
         near = needs_face(far, sight)
         if not near.any():
             return [far]
-        some = far.select(near)
-        groups: list[Scatterers] = [far.select(~near), near_faces(some, sight)]
-        if self._model == "exact":
-            groups.append(NearEdges(**vars(some)))
-        return groups
+        return [far.select(~near), *(made for made, _ in near_groups(far.select(near), sight))]
+
+    @property
+    def table(self) -> tuple[np.ndarray, ...]:
+        """Arguments of the kernel: rows in the order of the blocks, and what they are of."""
+        return self.blocks.order, *self._foliage.local, self._foliage.leaf

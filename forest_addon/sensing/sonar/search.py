@@ -17,13 +17,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ... import kernels
+from ...acoustics.disc import bound_tables
+from ...acoustics.disc_table import HANDOVER, STEPS
 from ...base.rows import RowTable
 from .calls import SAMPLED, Band
-from .leaves import NearFaces
+from .leaves import ASIDE, CLOSEST, FAR, LeafEchoes, NearFaces, near_groups
 from .scatterers import Scatterers, Sight, StrengthParts
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
@@ -54,6 +57,10 @@ class SearchGroup(RowTable):
     def velocity(self) -> np.ndarray:
         """(M, 3) m/s; (M, 0) where all stand still."""
         return self.motion[:, :3]
+
+    def ways(self, point: np.ndarray) -> np.ndarray:
+        """(M, 3) unit, from the mouth, which is at a point (3,)."""
+        return np.asarray((self.scatterers.centre - point) / self.paths.distance[:, None])
 
 
 @dataclass
@@ -96,7 +103,7 @@ def search(
     order = order[: np.count_nonzero(bound)]
     rest = np.append(np.cumsum(bound[order][::-1])[::-1], 0.0)
     unbounded = int(np.count_nonzero(np.isinf(bound)))  # with something not finite: they come first
-    finder = _Finder(targets, station, band, shade, latest, Counts(far=far))
+    finder = _Finder(targets, station, band, shade, latest)
 
     opened, known, loudest = 0, GUESS * float(rest[unbounded]), LOUDEST
     while True:
@@ -106,7 +113,7 @@ def search(
         known = finder.least(loudest)
         shut = float(rest[opened])
         if shut <= 0.5 * sonar.cull * known or opened == len(order):
-            return finder.keep(sonar.cull * known, shut, known)
+            return finder.keep(sonar.cull * known, shut, known, far)
         loudest *= 4
 
 
@@ -120,48 +127,93 @@ class _Finder:
         band: Band,
         shade: Callable[[SearchGroup], np.ndarray] | None,
         latest: float,
-        counts: Counts,
     ) -> None:
         self._targets, self._station, self._band = targets, station, band
-        self._shade, self._latest, self._counts = shade, latest, counts
+        self._shade, self._latest = shade, latest * station.sound_speed
+        self._tally = np.zeros(4, np.int64)  # not finite, too near, too far, too late
         sonar = station.sonar
         self._sight = Sight(
             station.point, station.wavenumbers[1], sonar.max_range, sonar.near_limit
         )
-        self._groups: list[SearchGroup] = []
-        self._checked: list[np.ndarray] = []  # (M,) of each group: whether its shade is known
+        self._groups: list[SearchGroup] = []  # shade is NaN where it has not been asked for
 
     def open(self, blocks: Candidates) -> None:
         """Move the scatterers of some blocks into the world and bound each."""
-        station, counts = self._station, self._counts
-        sonar, latest = station.sonar, self._latest * station.sound_speed
+        sonar, library = self._station.sonar, kernels.library()
+        if library is not None:
+            runs, blocks = self._targets.still_leaves(sonar, blocks)
+            self._open_leaves(library, runs)
         for made, instance, motion in self._targets.scatterers(sonar, blocks, self._sight):
-            paths = station.paths(made.centre)
-            finite = np.isfinite(paths.distance) & _finite(made)
-            kept = finite & (paths.distance >= sonar.near_limit)
-            counts.broken += int(np.count_nonzero(~finite))
-            if not isinstance(made, NearFaces):  # of leaves whose middles are within the range
-                far = finite & (paths.distance > sonar.max_range)
-                counts.near += int(np.count_nonzero(finite & ~kept))
-                counts.far += int(np.count_nonzero(far))
-                kept &= ~far
-            for leg in paths.leg.T if station.apart else ():  # an ear may be nearer than the mouth
-                kept &= leg >= 0.5 * sonar.near_limit
-            if not kept.all():
-                rows = np.flatnonzero(kept)
-                made, paths = made.select(rows), paths.select(rows)
-                instance, motion = instance[rows], motion[rows]
-            late = np.zeros(len(made), dtype=bool)
-            for length in paths.length.T if latest < np.inf else ():
-                late |= length > latest
-            counts.late += made.count(instance, late)
-            bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
-            loud = ~late & (bound > 0)
-            group = SearchGroup(made, instance, paths, bound, np.ones(len(bound)), motion)
-            group = group if loud.all() else group.select(np.flatnonzero(loud))
-            if len(group):
-                self._groups.append(group)
-                self._checked.append(np.zeros(len(group), dtype=bool))
+            self._add(made, instance, motion)
+
+    def _open_leaves(self, library: Any, runs: list[tuple[Any, ...]]) -> None:
+        """Open blocks of ``EchoTargets.still_leaves`` by the kernel."""
+        station, sonar, (places, frames) = self._station, self._station.sonar, self._station.ends
+        told = (
+            *(sonar.near_limit, sonar.max_range, 0.5 * sonar.near_limit * (station.apart > 0)),
+            *(self._latest, station.least_loss, FAR, ASIDE, CLOSEST),
+            *(*station.wavenumbers, HANDOVER, *STEPS),
+        )
+        by = len(places), places, frames, station.steepness, np.array(told, np.float64)
+        room = sum(int((last - first).sum()) for _, first, last, *_ in runs)
+        (number, instance), kept = np.empty((2, room), np.int64), np.zeros(2, np.int64)
+        centre, normal = np.empty((2, room, 3))
+        radius, nearness, bound = np.empty((3, room))
+        made = LeafEchoes(centre, number, normal, radius, nearness, sonar.leaf_model)
+        paths, still = EchoPaths.empty(room, len(places)), np.empty((room, 0))
+        output = room, kept, self._tally, centre, number, normal, radius, nearness, instance
+        for run in runs:
+            tables = *by, *bound_tables(sonar.leaf_model)
+            library.open_leaves(*run, *tables, *output, paths.away, paths.offset, bound)
+        far, near = kept.tolist()
+        opened = made.select(slice(far)), instance[:far], paths.select(slice(far))
+        if np.isnan(station.steepness).any():
+            bound[:far] *= opened[2].bound(station)
+        self._take(*opened, bound[:far], still[:far])
+        if near:
+            leaves = made.select(np.arange(room - 1, room - 1 - near, -1))
+            for part, row in near_groups(leaves, self._sight):
+                self._add(part, instance[room - 1 - row], still[row])
+
+    def _add(self, made: Scatterers, instance: np.ndarray, motion: np.ndarray) -> None:
+        """Bound scatterers that are moved, and keep those that may be heard."""
+        station, sonar = self._station, self._station.sonar
+        paths = station.paths(made.centre)
+        finite = np.isfinite(paths.distance) & _finite(made)
+        kept = finite & (paths.distance >= sonar.near_limit)
+        near, far = finite & ~kept, finite & (paths.distance > sonar.max_range)
+        if isinstance(made, NearFaces):  # of leaves whose middles are within the range
+            near = far = np.zeros(1, dtype=bool)
+        kept &= ~far
+        for leg in paths.leg.T if station.apart else ():  # an ear may be nearer than the mouth
+            kept &= leg >= 0.5 * sonar.near_limit
+        late = np.zeros(len(made), dtype=bool)
+        for length in paths.length.T if self._latest < np.inf else ():
+            late |= length > self._latest
+        late &= kept
+        some = [int(np.count_nonzero(rows)) for rows in (~finite, near, far)]
+        self._tally += np.array([*some, made.count(instance, late)])
+        if late.any() or not kept.all():
+            rows = np.flatnonzero(kept & ~late)
+            made, paths = made.select(rows), paths.select(rows)
+            instance, motion = instance[rows], motion[rows]
+        bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
+        self._take(made, instance, paths, bound, motion)
+
+    def _take(
+        self,
+        made: Scatterers,
+        instance: np.ndarray,
+        paths: EchoPaths,
+        bound: np.ndarray,
+        motion: np.ndarray,
+    ) -> None:
+        """Have what is loud at all as a group."""
+        shade = np.full(len(bound), 1.0 if self._shade is None else np.nan)
+        group = SearchGroup(made, instance, paths, bound, shade, motion)
+        group = group if (bound > 0).all() else group.select(bound > 0)
+        if len(group):
+            self._groups.append(group)
 
     def least(self, count: int) -> float:
         """Σ|A| of the ``count`` loudest, by their bounds: no more than Σ|A| of all."""
@@ -178,17 +230,17 @@ class _Finder:
             total += float(mean_amplitude(group, self._station, self._band, few).sum())
         return CAUTION * total
 
-    def keep(self, budget: float, shut: float, known: float) -> Found:
+    def keep(self, budget: float, shut: float, known: float, far: int) -> Found:
         """All but the weakest, whose bounds and ``shut`` add up to at most ``budget``.
 
-        known : Σ|A| at least.
+        known : Σ|A| at least. far : how many were too far to be looked at.
         """
         bounds = np.concatenate([group.bound for group in self._groups] or [np.empty(0)])
         ascending = np.sort(bounds)
         sums = np.cumsum(ascending)
         dropped = int(np.searchsorted(sums, budget - shut, side="right"))
         limit = ascending[dropped] if dropped < len(bounds) else np.inf
-        kept, left_out = [], 0.0
+        kept, left_out, hidden = [], 0.0, 0
         for number in range(len(self._groups)):
             rows = np.flatnonzero(self._groups[number].bound >= limit)
             self._look(number, rows)
@@ -196,20 +248,19 @@ class _Finder:
             left_out += float(group.bound.sum() - group.bound[rows].sum())
             group = group.select(rows)
             lit = group.shade > 0
-            self._counts.hidden += group.scatterers.count(group.instance, ~lit)
+            hidden += group.scatterers.count(group.instance, ~lit)
             kept.append(group if lit.all() else group.select(np.flatnonzero(lit)))
         rest = shut + (max(left_out, 0.0) if dropped else 0.0)
-        return Found(merged(kept), rest / known if rest > 0 else 0.0, self._counts)
+        broken, near, farther, late = self._tally.tolist()
+        counts = Counts(far + farther, near, broken, hidden, late)
+        return Found(merged(kept), rest / known if rest > 0 else 0.0, counts)
 
     def _look(self, number: int, rows: np.ndarray) -> None:
         """Ask what stands before rows of a group that have not been asked for."""
-        if self._shade is None:
-            return
-        group, checked = self._groups[number], self._checked[number]
-        rows = rows[~checked[rows]]
-        if len(rows):
+        group = self._groups[number]
+        rows = rows[np.isnan(group.shade[rows])]
+        if self._shade is not None and len(rows):
             group.shade[rows] = self._shade(group.select(rows))
-            checked[rows] = True
 
 
 class EarAmplitudes:
@@ -220,13 +271,16 @@ class EarAmplitudes:
 
     def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
         self._station, paths = station, group.paths
-        self._beams = station.equipment.emit, station.equipment.hear(ear)
-        leg = paths.leg[:, ear]
+        both, leg = [0, 1 + ear], paths.leg[:, ear]
         self.length = paths.distance + leg
-        sent, heard = paths.offset[:, 0].T, paths.offset[:, 1 + ear].T
-        terms = [self._beams[0].terms(*sent), self._beams[1].terms(*heard)]
+        steepness, offset = station.steepness[both], paths.offset[:, both]
+        steady = np.einsum("med,med,ed->m", offset, offset, np.nan_to_num(steepness))
+        self._level = group.shade * np.exp(steady) / (paths.distance * leg)
+        beams = station.equipment.emit, station.equipment.hear(ear)
+        changing = np.flatnonzero(np.isnan(steepness).any(axis=1)).tolist()
+        self._beams = [beams[end] for end in changing]
+        terms = [beams[end].terms(*offset[:, end].T) for end in changing]
         self._terms = np.concatenate([*terms, -self.length[None]])
-        self._level = group.shade / (paths.distance * leg)
         strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
         self.whole = strength.whole()
 
@@ -246,8 +300,7 @@ class EarAmplitudes:
         basis = self._basis(frequency)
         library = kernels.library()
         if library is None:
-            gain = np.exp(np.einsum("dq,dm->qm", basis, self._terms.take(some, axis=1)))
-            return np.asarray(amplitude * gain * self._level.take(some))
+            return amplitude * self.gain(frequency)[:, some]
         given = len(self._level), self._level, *basis.shape[:1], basis, self._terms, amplitude
         library.weigh_echoes(*amplitude.shape, some, *given)
         return amplitude
@@ -272,18 +325,11 @@ def mean_amplitude(
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
     """Groups of the same kind as one."""
-    kinds: dict[type, list[SearchGroup]] = {}
-    for group in groups:
-        if len(group):
-            kinds.setdefault(type(group.scatterers), []).append(group)
-    return [SearchGroup.joined(some) for some in kinds.values()]
+    kinds = dict.fromkeys(type(group.scatterers) for group in groups if len(group))
+    return [SearchGroup.joined([g for g in groups if type(g.scatterers) is k]) for k in kinds]
 
 
 def _finite(made: Scatterers) -> np.ndarray:
     """(M,) whether every number of each is finite."""
-    finite = np.ones(len(made), dtype=bool)
-    for value in vars(made).values():
-        number = isinstance(value, np.ndarray) and value.dtype.kind == "f"
-        if number and not np.isfinite(value.sum()):  # a row's test is dear, and hardly ever needed
-            finite &= np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
-    return finite
+    values = [v for v in vars(made).values() if isinstance(v, np.ndarray) and v.dtype.kind == "f"]
+    return np.isfinite(sum(v.sum(axis=tuple(range(1, v.ndim))) for v in values))

@@ -63,7 +63,7 @@ class BehindWood:
         self._wood, self._point = wood, point
 
     def __call__(self, group: SearchGroup) -> np.ndarray:
-        direction, distance = group.paths.direction, group.paths.distance
+        direction, distance = group.ways(self._point), group.paths.distance
         origins = np.broadcast_to(self._point, direction.shape)
         reach = np.maximum(distance - group.scatterers.clear, 0.0)
         return 1.0 - np.asarray(self._wood.occluded(origins, direction, reach), dtype=np.float64)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -203,36 +203,52 @@ class Station:
             / (some.nearest * back)
         )
 
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mouth and ears: places (1 + E, 3) and frames (1 + E, 3, 3)."""
+        places = np.concatenate([self.point[None], self.ear])
+        return places, np.concatenate([self.pose.frame[None], self.ear_frame])
+
+    @cached_property
+    def steepness(self) -> np.ndarray:
+        """(1 + E, 2) of the beams: ``BeamPattern.steepness``."""
+        hears = (self.equipment.hear(ear) for ear in range(len(self.ear)))
+        return np.array([beam.steepness for beam in (self.equipment.emit, *hears)])
+
     def paths(self, centre: np.ndarray) -> EchoPaths:
         """The ways from the mouth by places (M, 3) to the ears."""
-        ends = np.concatenate([self.point[None], self.ear])
-        frames = np.concatenate([self.pose.frame[None], self.ear_frame])
+        ends, frames = self.ends
         library = kernels.library()
         if library is not None:
-            shape = len(centre), len(ends)
-            paths = EchoPaths(np.empty((len(centre), 3)), np.empty(shape), np.empty((*shape, 2)))
-            given = len(centre), np.ascontiguousarray(centre), len(ends), ends, frames
-            library.trace_paths(*given, *vars(paths).values())
+            paths = EchoPaths.empty(len(centre), len(ends))
+            library.trace_paths(
+                *(len(centre), np.ascontiguousarray(centre), len(ends), ends, frames),
+                *vars(paths).values(),
+            )
             return paths
         with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is told by who asks
             ways = centre - ends[:, None]
             away = np.linalg.norm(ways, axis=2)
             ways /= away[:, :, None]
             offsets = [beam_offsets(*each) for each in zip(ways, frames, strict=True)]
-        return EchoPaths(ways[0], away.T, np.transpose(offsets, (2, 0, 1)))
+        return EchoPaths(away.T, np.transpose(offsets, (2, 0, 1)))
 
 
 @dataclass(frozen=True)
 class EchoPaths(RowTable):
     """M ways by a scatterer to E ears.
 
-    direction : (M, 3) unit, from the mouth. away : (M, 1 + E) metres from the mouth and from the ears.
-    offset : (M, 1 + E, 2) radians off the beam's axis and off the ears'.
+    away : (M, 1 + E) metres from the mouth and from the ears. offset : (M, 1 + E, 2) radians off the beam's
+    axis and off the ears'.
     """
 
-    direction: np.ndarray
     away: np.ndarray
     offset: np.ndarray
+
+    @classmethod
+    def empty(cls, count: int, ends: int) -> EchoPaths:
+        """Ways that are not known yet."""
+        return cls(np.empty((count, ends)), np.empty((count, ends, 2)))
 
     @property
     def distance(self) -> np.ndarray:

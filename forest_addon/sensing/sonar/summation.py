@@ -212,7 +212,7 @@ def _speeds_of(moment: Moment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         key["number"] = group.scatterers.number
         keys.append(key)
         relative = group.velocity - moment.station.pose.velocity
-        speeds.append(np.einsum("mi,mi->m", group.paths.direction, relative))
+        speeds.append(np.einsum("mi,mi->m", group.ways(moment.station.point), relative))
         bounds.append(group.bound * group.shade)
     key, row = np.unique(np.concatenate(keys), return_index=True)
     return key, np.concatenate(speeds)[row], np.concatenate(bounds)[row]
@@ -252,7 +252,7 @@ def widened(band: Band, speed: float, sound_speed: float) -> Band:
 def factors(group: SearchGroup, station: Station, ear: int) -> np.ndarray:
     """(M,) α of every path to an ear."""
     velocity, speed = station.pose.velocity, station.sound_speed
-    way = group.paths.direction
+    way = group.ways(station.point)
     back = (group.scatterers.centre - station.ear[ear]) / group.paths.leg[:, ear, None]
     alpha = (speed + back @ velocity) / (speed - way @ velocity)
     if group.velocity.shape[1]:

@@ -22,7 +22,7 @@ from ...base.trimesh import TriMesh
 from ...spec import Sonar
 from ..rays.geometry import SceneGeometry
 from .facets import FacetPopulation
-from .leaves import FoliageDiscs, LeafDiscs, LeafPopulation
+from .leaves import FoliageDiscs, LeafDiscs, LeafPopulation, similarity
 from .scatterers import Population, Scatterers, Sight, Views
 from .windy import EchoMotion, EchoWind
 from .wood import WoodPopulation
@@ -138,7 +138,8 @@ class EchoTargets:
 
         point : (3,) where the sonar is. lowest, highest : wavenumbers of the band.
         """
-        found, far = [], 0
+        whole, none, far = np.empty(0, np.int64), np.empty((3, 0)), 0
+        found = [Candidates(whole, whole, whole, none.T, none[0], whole, none[0], none[0])]
         for number, stand in enumerate(self.stands(sonar)):
             blocks = stand.population.blocks
             away = np.linalg.norm(stand.centre - point, axis=1) - stand.radius
@@ -178,7 +179,7 @@ class EchoTargets:
                     strength,
                 )
             )
-        return _joined(found), far
+        return Candidates.joined(found), far
 
     def scatterers(
         self, sonar: Sonar, some: Candidates, sight: Sight
@@ -208,6 +209,36 @@ class EchoTargets:
             (type(sets[0]).joined(sets), np.concatenate(instances), np.concatenate(motions))
             for sets, instances, motions in opened.values()
         ]
+
+    def still_leaves(
+        self, sonar: Sonar, some: Candidates
+    ) -> tuple[list[tuple[Any, ...]], Candidates]:
+        """The kernel's arguments for opened candidates of leaves, mesh by mesh, and all others; none where
+        something moves or is squeezed."""
+        stands = self.stands(sonar)
+        leaves = {
+            number: stand.population
+            for number, stand in enumerate(stands)
+            if isinstance(stand.population, LeafPopulation)
+        }
+        of_leaves, runs = np.isin(some.stand, list(leaves)), []
+        for number, population in leaves.items():
+            blocks = some.select(some.stand == number)
+            order = np.lexsort((blocks.block, blocks.member))
+            member, block = blocks.member[order], blocks.block[order]
+            first, transform = population.blocks.first, stands[number].transform[member]
+            scale = similarity(transform[:, :, :3])
+            if np.isnan(scale).any() or self._wind is not None or self._motion is not None:
+                return [], some
+            given = (
+                first[block],
+                first[block + 1],
+                transform,
+                scale,
+                stands[number].instance[member],
+            )
+            runs.append((len(order), *given, *population.table))
+        return runs, some.select(~of_leaves)
 
     def _placed(
         self, stand: _Stand, which: int, rows: np.ndarray, sight: Sight
@@ -273,10 +304,3 @@ class EchoTargets:
             else:
                 kept[key] = FacetPopulation(mesh)
         return kept[key]
-
-
-def _joined(found: list[Candidates]) -> Candidates:
-    if not found:
-        none = np.empty(0, np.int64)
-        return Candidates(none, none, none, np.empty((0, 3)), *([np.empty(0)] * 4))
-    return Candidates.joined(found)

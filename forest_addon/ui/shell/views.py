@@ -123,7 +123,13 @@ def select(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 def show(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object visible. Of collections only those that hide it are shown: others stay excluded."""
     layer = context.view_layer
-    way = min(_ways(layer.layer_collection, obj), key=_hidden, default=())
+    way = min(  # that with the fewest switches which hide the contents of its last collection
+        _ways(layer.layer_collection, obj),
+        key=lambda way: (
+            way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
+        ),
+        default=(),
+    )
     for home in way:
         for hides in (home, home.collection):
             if hides.hide_viewport:
@@ -156,11 +162,6 @@ def _ways(home: bpy.types.LayerCollection, obj: bpy.types.Object) -> Iterator[Wa
     for child in home.children:
         for way in _ways(child, obj):
             yield (home, *way)
-
-
-def _hidden(way: Way) -> int:
-    """Number of switches along a way that hide the contents of the last collection."""
-    return way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
 
 
 def _below(home: bpy.types.LayerCollection) -> Iterator[bpy.types.LayerCollection]:

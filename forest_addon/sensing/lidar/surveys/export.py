@@ -94,8 +94,33 @@ def write_survey(
         root = Element("document")
         root.append(element)
         write_document(folder / target, root)
-    if isinstance(sensor, Scanner):
-        unsaid += _unsaid(sensor, surfaces)
+    if isinstance(sensor, Scanner):  # what HELIOS++ has no word for
+        beam, noise, receiver = sensor.beam, sensor.noise, sensor.receiver
+        _, rays = _rings(beam.subrays)
+        sentences = {
+            "its reflectances differ from those of the first scanner, which the materials have": (
+                sensor.surfaces != surfaces
+            ),
+            "its beam is told as round, as wide as the mean of both divergences": (
+                len(set(beam.divergence_mrad)) > 1
+            ),
+            "the width of the beam at its exit (exit_diameter) is left out": beam.exit_diameter,
+            f"its {beam.subrays} rays of equal energy are rings of {rays}": beam.subrays > 1,
+            "the threshold of detection (faintest) is left out: HELIOS++ has watts of its own": (
+                sensor.faintest
+            ),
+            "of its noise only range_sd is told": (
+                noise.range_ppm
+                or noise.incidence_sd
+                or noise.drop_out
+                or noise.registration_sd_or_deg
+            ),
+            "settings of its receiver are left out": receiver != type(receiver)(),
+            "extinction by the air is left out": beam.extinction,
+            "the scene stands as at the present frame": sensor.motion,
+            "bounces are left out": sensor.bounces,
+        }
+        unsaid += [sentence for sentence, holds in sentences.items() if holds]
     return Exported(sensor.name, path, tuple(unsaid))
 
 
@@ -139,33 +164,6 @@ def _told(
 def _refuse_rows(count: int) -> None:
     if count > MOST_ROWS:
         raise NoSurveyError(f"{count:,} beams one above the other are more than {MOST_ROWS:,}")
-
-
-def _unsaid(sensor: Scanner, surfaces: Surfaces) -> list[str]:
-    """Sentences on what HELIOS++ has no word for."""
-    beam, noise, receiver = sensor.beam, sensor.noise, sensor.receiver
-    _, rays = _rings(beam.subrays)
-    sentences = {
-        "its reflectances differ from those of the first scanner, which the materials have": (
-            sensor.surfaces != surfaces
-        ),
-        "its beam is told as round, as wide as the mean of both divergences": (
-            len(set(beam.divergence_mrad)) > 1
-        ),
-        "the width of the beam at its exit (exit_diameter) is left out": beam.exit_diameter,
-        f"its {beam.subrays} rays of equal energy are rings of {rays}": beam.subrays > 1,
-        "the threshold of detection (faintest) is left out: HELIOS++ has watts of its own": (
-            sensor.faintest
-        ),
-        "of its noise only range_sd is told": (
-            noise.range_ppm or noise.incidence_sd or noise.drop_out or noise.registration_sd_or_deg
-        ),
-        "settings of its receiver are left out": receiver != type(receiver)(),
-        "extinction by the air is left out": beam.extinction,
-        "the scene stands as at the present frame": sensor.motion,
-        "bounces are left out": sensor.bounces,
-    }
-    return [sentence for sentence, holds in sentences.items() if holds]
 
 
 def _rings(subrays: int) -> tuple[int, int]:

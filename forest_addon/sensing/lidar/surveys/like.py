@@ -86,7 +86,13 @@ def pattern_like(
     middle = np.array([time[a:b].mean() for a, b in sweeps])
     if same.sum() < 2:
         raise SpecError(f"line {line.number}", "has one sweep to a side; nothing tells its pattern")
-    period = _period(middle[same]) / (2 if zigzag else 1)
+    # From one sweep to the next, some sweeps missing: the usual step, then a straight line.
+    middle = middle[same]
+    gaps = np.diff(middle)
+    usual = float(np.median(gaps[gaps > 0.5 * np.median(gaps)]))
+    turn = np.append(0, np.cumsum(np.maximum(np.round(gaps / usual), 0)))
+    slope = np.polynomial.polynomial.polyfit(turn, middle - middle[0], 1)[1]
+    period = float(slope) / (2 if zigzag else 1)
     low, high = np.quantile(angle, [0.001, 0.999]) + np.array([-MARGIN, MARGIN])
     # Degrees between pulses, by how many there are in a sweep: clocks of some instruments step unevenly.
     swept = sum(abs(float(angle[b - 1] - angle[a])) for a, b in sweeps)
@@ -166,14 +172,6 @@ def _slope(x: np.ndarray, y: np.ndarray) -> float:
     """Slope of the straight line through points."""
     away = x - x.mean()
     return float((away * y).sum() / max((away * away).sum(), 1e-300))
-
-
-def _period(middle: np.ndarray) -> float:
-    """Seconds from one sweep to the next, some sweeps missing: the usual step, then a straight line."""
-    step = np.diff(middle)
-    period = float(np.median(step[step > 0.5 * np.median(step)]))
-    turn = np.append(0, np.cumsum(np.maximum(np.round(step / period), 0)))
-    return float(np.polynomial.polynomial.polyfit(turn, middle - middle[0], 1)[1])
 
 
 # Flight lines read from a cloud: where the scanner was at what time, from the beams of pulses themselves.

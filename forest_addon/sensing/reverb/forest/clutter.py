@@ -151,14 +151,6 @@ class Clutter:
         """Number of them."""
         return max(len(self.length), len(self.leaf_area), len(self.needle_area))
 
-    def with_leaves(self, density: float) -> Clutter:
-        """The same with so many m²/m³ of leaves in every layer."""
-        return replace(self, leaf_area=(density,) * max(self.layers, 1))
-
-    def with_needles(self, density: float) -> Clutter:
-        """The same with so many m²/m³ of half the surface of needles in every layer."""
-        return replace(self, needle_area=(density,) * max(self.layers, 1))
-
     def without_leaves(self) -> Clutter:
         """The same with neither leaves nor needles."""
         return replace(

@@ -118,8 +118,9 @@ def clutter_around(reverb: Reverb, canopy: FoliageCanopy) -> Clutter:
     clutter = replace(clutter, needle_radius=reverb.needle_radius)
     if reverb.leaf_area_density > 0 or reverb.needle_area_density > 0:
         clutter = clutter.filled(top).without_leaves()
-        clutter = clutter.with_leaves(reverb.leaf_area_density)
-        clutter = clutter.with_needles(reverb.needle_area_density)
+        layers = max(clutter.layers, 1)
+        leaves, needles = reverb.leaf_area_density, reverb.needle_area_density
+        clutter = replace(clutter, leaf_area=(leaves,) * layers, needle_area=(needles,) * layers)
     if reverb.floor_leaf_area > 0:
         clutter = clutter.on_floor(reverb.floor_leaf_area)
     if reverb.leaf_radius > 0:

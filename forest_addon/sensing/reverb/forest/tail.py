@@ -158,7 +158,9 @@ class Tail:
         self, frequency: np.ndarray, length: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """(X, F) spectra at rising lengths, from those that lie APART from each other."""
-        few = _thinned(length)
+        place = np.floor(np.log(length / length[0]) / APART)
+        rows = np.flatnonzero(np.diff(place, prepend=-1.0) > 0)
+        few = np.union1d(rows, [0, len(length) - 1])  # at least two
         level, space = self._spectra(frequency, length[few])
         low = (
             np.minimum(np.searchsorted(few, np.arange(len(length)), side="right"), len(few) - 1) - 1
@@ -214,13 +216,6 @@ class Tail:
         fall = min(0.0, math.log(energy[last] / energy[first]) / (middle[last] - middle[first]))
         logarithm += fall * np.maximum(length - middle[last], 0.0)
         return np.where(length >= self.energy[0].edges[0], np.exp(logarithm), 0.0)
-
-
-def _thinned(length: np.ndarray) -> np.ndarray:
-    """Rows of lengths (X,), at least two, that lie APART from each other, first and last with them."""
-    place = np.floor(np.log(length / length[0]) / APART)
-    rows = np.flatnonzero(np.diff(place, prepend=-1.0) > 0)
-    return np.union1d(rows, [0, len(length) - 1])
 
 
 def tail_of(

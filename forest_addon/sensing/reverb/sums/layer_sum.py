@@ -207,7 +207,10 @@ class LayerSum:
         base = int(place.min()) - width - beside
         span = int(place.max()) - base + width + 2 + self.layer.size + beside
         place -= base
-        return place, base, transform_size(span)
+        # One of a few lengths of transform, so that their filters are used again.
+        coarse = 1 << max(0, span.bit_length() - 4)
+        size = 2 * fft.next_fast_len(-(-span // coarse) * coarse // 2 + 1, real=True)
+        return place, base, size
 
     def _own_spectra(
         self,
@@ -341,12 +344,6 @@ def _groups(number: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Each number that occurs and its rows."""
     for each in np.flatnonzero(np.bincount(number)).tolist():
         yield each, np.flatnonzero(number == each)
-
-
-def transform_size(least: int) -> int:
-    """One of a few lengths of transform, so that their filters are used again."""
-    step = 1 << max(0, least.bit_length() - 4)
-    return 2 * fft.next_fast_len(-(-least // step) * step // 2 + 1, real=True)
 
 
 def _add(total: np.ndarray, part: np.ndarray, start: int) -> None:
