@@ -114,7 +114,7 @@ BUDGETS = {
     "headless/dataset": (2521, 15),
     "headless/report": (522, 4),
     "studies": (167, 5),
-    "studies/bench": (2060, 20),
+    "studies/bench": (2064, 20),
     "studies/flight": (545, 8),
     "studies/papers": (358, 3),
     "studies/sim_to_real": (946, 5),
