@@ -126,7 +126,8 @@ mm, so that the 8.2 mm of a joined plot ask for some 15 mm. A measured pine (Tre
 ours: its sectors of 10 degrees vary by 3.6 to 4.9 mm, ours by 2.5 to 3.2.
 
 **Chablais 3** is what `lidar --like` writes from the cloud and its table, flown as it was, with the light
-of the instrument that made it, a RIEGL LMS-Q560. Rows agree within 5 points, 0.5 m, or 0.2 of the overlap.
+of the instrument that made it, a RIEGL LMS-Q560. Rows agree within 5 points, 0.5 m, or 0.2 of the overlap; they are of two
+seeds, the command flies four.
 Trees of other species than spruce, fir and beech stand as beeches; trees below 7.5 cm are in no table. Of
 the cloud itself only the receiver's threshold is read: the faintest fiftieth of its first of many echoes
 are 6, 16, 18 and 23 % of the ground's at 500, 740 and twice 1,000 m, ours 7, 14, 25 and 30 % with a
