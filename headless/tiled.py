@@ -395,25 +395,19 @@ def _weigh(run: TiledRun, tile: int, told: Sequence[SceneOutcome]) -> Trial:
     return Trial(seconds, points, size, max((one.peak for one in told), default=0.0))
 
 
-def _audited(run: TiledRun, scan: TiledScan) -> dict[str, Any]:
-    """The audits of some tiles of a scan, drawn by chance, by their names."""
-    pieces, sensor = scan.pulses.pieces, scan.sensor.name
+def _join(run: TiledRun, scan: TiledScan) -> None:
+    """One file of a scan, and its note."""
+    sensor, pieces = scan.sensor, scan.pulses.pieces
+    # some tiles, drawn by chance, are audited
     count = min(math.ceil(run.asked.accuracy.audit * len(pieces)), MOST_AUDITED)
-    drawn = np.sort(stream(run.asked.seed, "audit", sensor).permutation(pieces)[:count])
-    with run.stages.stage(f"audit {count} of {len(pieces)} pieces of {sensor}"), hushed():
+    drawn = np.sort(stream(run.asked.seed, "audit", sensor.name).permutation(pieces)[:count])
+    with run.stages.stage(f"audit {count} of {len(pieces)} pieces of {sensor.name}"), hushed():
         audits = {scan.path(piece).stem: scan.audit(piece) for piece in drawn}
-    told = {}
+    audited = {}
     for name, audit in audits.items():
         run.say_audit(name, audit)
         checks = [check.record() for check in audit.checks]  # no seconds: notes are the same
-        told[name] = {"kept": audit.kept, "checks": checks}
-    return told
-
-
-def _join(run: TiledRun, scan: TiledScan) -> None:
-    """One file of a scan, and its note."""
-    sensor = scan.sensor
-    audits = _audited(run, scan)
+        audited[name] = {"kept": audit.kept, "checks": checks}
     path = run.out / f"{sensor.name}.laz"
     with run.stages.stage(f"write {path.name}") as progress:
         written = scan.join(path, progress)
@@ -425,7 +419,7 @@ def _join(run: TiledRun, scan: TiledScan) -> None:
     files = [path.name] if path.is_file() else []
     files += [str(p.relative_to(run.out)) for p in sorted(path.with_suffix("").glob("*.*"))]
     facts = {"pulses": written.pulses, "points": written.points, "followed": scan.pulses.followed}
-    facts["furthest_m"], facts["audits"] = round(scan.pulses.furthest, 3), audits
+    facts["furthest_m"], facts["audits"] = round(scan.pulses.furthest, 3), audited
     for lost in written.lost:
         run.stages.warn(f"{sensor.name}: lost {lost}")
     if not written.points:

@@ -103,28 +103,28 @@ BUDGETS = {
     "forest_addon/formats": (3491, 29),
     "forest_addon/growth": (7966, 36),
     "forest_addon/kernels": (55, 1),
-    "forest_addon/results": (1210, 17),
+    "forest_addon/results": (1202, 17),
     "forest_addon/sensing": (12694, 92),
     "forest_addon/spec": (1321, 11),
-    "forest_addon/stand": (3541, 15),
-    "forest_addon/ui": (5524, 38),
-    "headless": (1695, 15),
+    "forest_addon/stand": (3539, 15),
+    "forest_addon/ui": (5459, 38),
+    "headless": (1691, 15),
     "headless/accuracy": (584, 4),
     "headless/commands": (1321, 17),
     "headless/dataset": (2521, 15),
     "headless/report": (522, 4),
     "studies": (167, 5),
-    "studies/bench": (2060, 20),
+    "studies/bench": (2064, 20),
     "studies/flight": (545, 8),
     "studies/papers": (358, 3),
     "studies/sim_to_real": (946, 5),
-    "studies/validation": (3830, 21),
+    "studies/validation": (3831, 21),
 }
 # Functions and files that a pulse, a ping and a clap pass on their way to a file.
 # Pings and claps rose by kernels in C beside numpy and by the standard errors of a tail (990, 910 before);
 # all rose by settings without effect that are said before a run, pings by receivers (857, 1000, 915 before).
 # Pulses rose by errors of joining that change along a way (843 before), pings by the terms of wood (997).
-FLOWS = {"pulse": (848, 133), "ping": (1000, 144), "clap": (902, 138)}
+FLOWS = {"pulse": (816, 117), "ping": (974, 128), "clap": (873, 122)}
 
 
 @pytest.fixture(scope="module")

@@ -186,29 +186,6 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
             f"Figures are of the first of {len(channels)} channels, {response.channel}; "
             f"{reverb.name}.npz has those of all."
         )
-    notes += _notes_of_settings(reverb, response)
-    if any(channel.clamped for channel in channels):
-        most = max(channel.clamped for channel in channels)
-        notes.append(
-            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
-        )
-    if peak > 1:
-        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
-    return tuple(notes)
-
-
-def _doubts(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
-    """Return that a tolerance was not reached, where, and what to do."""
-    return tuple(
-        f"the sum over trunks may be {error:.0e} off from {low:g} to {2 * low:g} Hz, where "
-        f"{reverb.tolerance:.0e} was asked for. Set tolerance to 0 for the direct sum."
-        for low, error in sorted(response.errors.items())
-        if error > reverb.tolerance
-    )
-
-
-def _notes_of_settings(reverb: Reverb, response: ImpulseResponse) -> list[str]:
-    notes = []
     if response.sprays:
         notes.append(
             f"{', '.join(response.sprays)}: needles that are drawn as flat sprays count as leaves, which "
@@ -227,7 +204,24 @@ def _notes_of_settings(reverb: Reverb, response: ImpulseResponse) -> list[str]:
         notes.append(
             "Background noise is added where a dry sound is heard, not to impulse responses."
         )
-    return notes
+    if any(channel.clamped for channel in channels):
+        most = max(channel.clamped for channel in channels)
+        notes.append(
+            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
+        )
+    if peak > 1:
+        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
+    return tuple(notes)
+
+
+def _doubts(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
+    """Return that a tolerance was not reached, where, and what to do."""
+    return tuple(
+        f"the sum over trunks may be {error:.0e} off from {low:g} to {2 * low:g} Hz, where "
+        f"{reverb.tolerance:.0e} was asked for. Set tolerance to 0 for the direct sum."
+        for low, error in sorted(response.errors.items())
+        if error > reverb.tolerance
+    )
 
 
 def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset) -> list[Path]:

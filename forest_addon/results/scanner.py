@@ -31,28 +31,21 @@ def _figures(scanner: Scanner, cloud: Cloud, _seen: Seen | None) -> list[Figure]
     ]
     if scanner.beam.max_returns > 1:
         figures.append(numbers("of several returns", "Several Returns", share(cloud.count > 1)))
-    if cloud.bounce is not None:
-        figures += _of_bounces(cloud)
+    if cloud.bounce is not None:  # points by the way of their light, and rays not followed
+        figures += [
+            numbers("ghosts, by reflection", "Ghosts", share(cloud.bounce == 1)),
+            numbers("through glass", "Through Glass", share(cloud.bounce == 2)),
+            numbers("refracted by water", "Refracted", share(cloud.bounce == 3)),
+        ]
+        if cloud.unfollowed:
+            said = f"{cloud.unfollowed:,}"
+            figures.append(numbers("rays that met a second mirror or pane", "Not Followed", said))
     if cloud.velocity is not None:
         figures += _of_motion(cloud)
     if cloud.lost:
         lost = "; ".join(map(str, cloud.lost))
         figures.append(numbers("not measured, by a fault of this program", "Not Measured", lost))
     return [*figures, numbers("", "Rays By", cloud.engine)]
-
-
-def _of_bounces(cloud: Cloud) -> list[Figure]:
-    """Figures of a scanner that follows bounces: points by the way of their light, rays not followed."""
-    assert cloud.bounce is not None
-    figures = [
-        numbers("ghosts, by reflection", "Ghosts", share(cloud.bounce == 1)),
-        numbers("through glass", "Through Glass", share(cloud.bounce == 2)),
-        numbers("refracted by water", "Refracted", share(cloud.bounce == 3)),
-    ]
-    if cloud.unfollowed:
-        said = f"{cloud.unfollowed:,}"
-        figures.append(numbers("rays that met a second mirror or pane", "Not Followed", said))
-    return figures
 
 
 def _of_motion(cloud: Cloud) -> list[Figure]:

@@ -19,7 +19,7 @@ from collections.abc import Generator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -40,6 +40,7 @@ from ..shell.running import (
     button,
     current,
     getting_ready,
+    made,
     obstacle,
     stop,
 )
@@ -66,20 +67,18 @@ _brought: set[int] = set()  # scenes of which the next report is the work of und
 _building: tuple[Job, int, str] | None = None  # the job that Live began, its scene, what it builds
 
 
-class FOREST_OT_live(bpy.types.Operator):
+@made(bpy.types.Operator, "OT", "invoke", "Grow Live", bl_options={"INTERNAL"})
+def _live(
+    _pressed: bpy.types.Operator, _context: bpy.types.Context, event: bpy.types.Event
+) -> set[str]:
     """Grow the forest, unless a mouse button is down: then a slider is being dragged
 
     Only an operator is told of that, by the event that it is invoked with, the last one of the window.
     """
-
-    bl_label = "Grow Live"
-    bl_options: ClassVar[set[str]] = {"INTERNAL"}
-
-    def invoke(self, _context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.value == "PRESS" and event.type.endswith("MOUSE"):
-            return {"CANCELLED"}
-        bpy.ops.forest.build("INVOKE_DEFAULT")
-        return {"FINISHED"}
+    if event.value == "PRESS" and event.type.endswith("MOUSE"):
+        return {"CANCELLED"}
+    bpy.ops.forest.build("INVOKE_DEFAULT")
+    return {"FINISHED"}
 
 
 def unregister() -> None:

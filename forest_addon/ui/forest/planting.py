@@ -37,7 +37,7 @@ from ...blender.scene.layout import (
     find_part,
 )
 from ...spec import SpecError
-from ..shell.running import WhenReady, current, obstacle, show_no_job
+from ..shell.running import WhenReady, current, made, obstacle, show_no_job
 from ..shell.views import (
     PLANTED,
     chosen_planting,
@@ -322,47 +322,50 @@ SOON = 0.01  # s: not within the update that tells of it
 _known = 0  # the session_uid of the tree that was dropped last
 
 
-class FOREST_OT_plant_dropped(bpy.types.Operator):
+@made(
+    bpy.types.Operator,
+    "OT",
+    "invoke",
+    "Plant Dropped Tree",
+    bl_options={"INTERNAL"},
+    foreign=bpy.props.BoolProperty(
+        name="Of Another File",
+        description="The tree came from another file or library",
+        options={"HIDDEN", "SKIP_SAVE"},
+    ),
+)
+def _plant_dropped(
+    pressed: bpy.types.Operator, context: bpy.types.Context, event: bpy.types.Event
+) -> set[str]:
     """Plant the tree that was dropped last, below the mouse
 
     Only an operator is told where the mouse is, by the event that it is invoked with.
     """
-
-    bl_label = "Plant Dropped Tree"
-    bl_options: ClassVar[set[str]] = {"INTERNAL"}
-
-    foreign: bpy.props.BoolProperty(
-        name="Of Another File",
-        description="The tree came from another file or library",
-        options={"HIDDEN", "SKIP_SAVE"},
-    )
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        obj = context.view_layer.objects.active
-        if obj is None or obstacle(context):
-            return {"CANCELLED"}
-        if self.foreign and not is_of_forest(obj, context.scene):
-            told = say(
-                "{name} is a tree of another file and stays an object, which sensors meet as it is; "
-                "add its species to the forest to plant it",
-                name=obj.name,
-            )
-            self.report({"INFO"}, told)
-            return {"FINISHED"}
-        area, region = region_below(context.window, event.mouse_x, event.mouse_y)
-        with context.temp_override(area=area, region=region, selected_objects=[obj]):
-            if region is not None:
-                low, high = obj.bound_box[0], obj.bound_box[6]
-                bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
-                region = bpy.context.region
-                mouse = location_3d_to_region_2d(region, region.data, obj.matrix_world @ bottom)
-                place = None if mouse is None else _ground_seen(bpy.context, region, mouse)
-                if place is not None:
-                    obj.rotation_euler[:2] = 0.0, 0.0
-                    obj.location = place
-                context.view_layer.update()
-            bpy.ops.forest.adopt_trees()
+    obj = context.view_layer.objects.active
+    if obj is None or obstacle(context):
+        return {"CANCELLED"}
+    if pressed.foreign and not is_of_forest(obj, context.scene):
+        told = say(
+            "{name} is a tree of another file and stays an object, which sensors meet as it is; "
+            "add its species to the forest to plant it",
+            name=obj.name,
+        )
+        pressed.report({"INFO"}, told)
         return {"FINISHED"}
+    area, region = region_below(context.window, event.mouse_x, event.mouse_y)
+    with context.temp_override(area=area, region=region, selected_objects=[obj]):
+        if region is not None:
+            low, high = obj.bound_box[0], obj.bound_box[6]
+            bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+            region = bpy.context.region
+            mouse = location_3d_to_region_2d(region, region.data, obj.matrix_world @ bottom)
+            place = None if mouse is None else _ground_seen(bpy.context, region, mouse)
+            if place is not None:
+                obj.rotation_euler[:2] = 0.0, 0.0
+                obj.location = place
+            context.view_layer.update()
+        bpy.ops.forest.adopt_trees()
+    return {"FINISHED"}
 
 
 @bpy.app.handlers.persistent

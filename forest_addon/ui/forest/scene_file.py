@@ -212,39 +212,39 @@ def take_scene(
             choose_sensor(bpy.context, sensors_of(scene)[0])  # active in the scene, too
 
 
-class FOREST_OT_take_ground(Button, bpy.types.Operator, Taking):
+@button(
+    "Ground from File",
+    Button,
+    Taking,
+    filter_glob=bpy.props.StringProperty(default="*.laz;*.las;*.tif;*.asc", options={"HIDDEN"}),
+)
+def _take_ground(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Have the forest stand on the ground of a file: points, a raster or a surface"""
-
-    bl_label = "Ground from File"
-    filter_glob: bpy.props.StringProperty(default="*.laz;*.las;*.tif;*.asc", options={"HIDDEN"})
-
-    def act(self, context: bpy.types.Context) -> str:
-        context.scene.forest_sensing.forest.terrain.file = self.filepath
-        name = Path(self.filepath).name
-        return say("The forest stands on {name}. Press Grow Forest to see it", name=name)
+    context.scene.forest_sensing.forest.terrain.file = pressed.filepath
+    name = Path(pressed.filepath).name
+    return say("The forest stands on {name}. Press Grow Forest to see it", name=name)
 
 
-class FOREST_OT_load_scene(Button, bpy.types.Operator, Taking):
-    """Take forest and sensors from a scene file (.toml), the same that runs without a window"""
-
-    bl_label = "Open Scene File"
-    filename_ext = ".toml"
-    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
-    keep_sensors: bpy.props.BoolProperty(
+@button(
+    "Open Scene File",
+    Button,
+    Taking,
+    filename_ext=".toml",
+    filter_glob=bpy.props.StringProperty(default="*.toml", options={"HIDDEN"}),
+    keep_sensors=bpy.props.BoolProperty(
         name="Keep Sensors",
         description="Sensors of this scene stay beside those of the file; off: those take their place",
-    )
-
-    def act(self, context: bpy.types.Context) -> str:
-        before = len(sensors_of(context.scene))
-        name = open_scene(context.scene, Path(self.filepath), self.keep_sensors)
-        done = say("{name} is loaded. Press Grow Forest to see it", name=name)
-        if before and not self.keep_sensors:
-            gone = say(
-                "Its sensors took the place of {count}; undo brings those back", count=before
-            )
-            done = f"{done}. {gone}"
-        return done
+    ),
+)
+def _load_scene(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
+    """Take forest and sensors from a scene file (.toml), the same that runs without a window"""
+    before = len(sensors_of(context.scene))
+    name = open_scene(context.scene, Path(pressed.filepath), pressed.keep_sensors)
+    done = say("{name} is loaded. Press Grow Forest to see it", name=name)
+    if before and not pressed.keep_sensors:
+        gone = say("Its sensors took the place of {count}; undo brings those back", count=before)
+        done = f"{done}. {gone}"
+    return done
 
 
 CLASSES = (

@@ -23,7 +23,7 @@ from ...blender.jobs import Work
 from ...spec import Scene
 from ..settings.drawing import split
 from ..settings.exchange import from_spec
-from ..shell.running import WhenReady, Working, current, menu, press
+from ..shell.running import WhenReady, Working, current, long_button, menu, press
 from ..shell.views import icons, look_at, open_tab, region_of, views
 from ..shell.words import keep, label, say
 from .build import FOREST_OT_build
@@ -299,34 +299,33 @@ class FOREST_OT_new(_WithPreset, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class FOREST_OT_furnish(Working, bpy.types.Operator):
+@long_button(
+    "Start Scene",
+    Working,
+    bl_options={"UNDO", "INTERNAL"},
+    preset=bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"}),
+)
+def _furnish(pressed: bpy.types.Operator, context: bpy.types.Context) -> Work:
     """Take a set-up into this scene, grow it, light it, and look at it"""
+    scene = context.scene
+    sentence = take(scene, pressed.preset)
+    pressed._job.kept.append(say("the settings"))
+    for _, area in views():
+        area.spaces.active.show_region_ui = True
+    if scene.forest_sensing.plantings or scene.forest_sensing.stems:
+        sentence = yield from FOREST_OT_build.work(pressed, context)
+    from ...blender.show.preview import lay_lawn, set_stage
 
-    bl_label = "Start Scene"
-    bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
-
-    preset: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-
-    def work(self, context: bpy.types.Context) -> Work:
-        scene = context.scene
-        sentence = take(scene, self.preset)
-        self._job.kept.append(say("the settings"))
-        for _, area in views():
-            area.spaces.active.show_region_ui = True
-        if scene.forest_sensing.plantings or scene.forest_sensing.stems:
-            sentence = yield from FOREST_OT_build.work(self, context)
-        from ...blender.show.preview import lay_lawn, set_stage
-
-        field = scene.forest_sensing.forest
-        low, size = tuple(field.origin), tuple(field.size)
-        trees = bool(scene.forest_sensing.plantings)  # stems are seen from above alone
-        set_stage(scene, PICTURE, None if trees else (low, size), golden=True)
-        if trees and not (field.terrain.object or field.terrain.file):
-            lay_lawn(scene, field.terrain.base)
-        for _, area in views():
-            look_at(area, field)
-            open_tab(area)
-        return sentence
+    field = scene.forest_sensing.forest
+    low, size = tuple(field.origin), tuple(field.size)
+    trees = bool(scene.forest_sensing.plantings)  # stems are seen from above alone
+    set_stage(scene, PICTURE, None if trees else (low, size), golden=True)
+    if trees and not (field.terrain.object or field.terrain.file):
+        lay_lawn(scene, field.terrain.base)
+    for _, area in views():
+        look_at(area, field)
+        open_tab(area)
+    return sentence
 
 
 @menu("Forest")

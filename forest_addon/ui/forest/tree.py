@@ -17,7 +17,7 @@ from ...base.rng import stream
 from ...base.trimesh import LEAF
 from ...blender.scene import materials
 from ..settings.drawing import OfData, split
-from ..shell.running import WhenReady, panel
+from ..shell.running import WhenReady, button, panel
 from ..shell.words import keep
 from ..species import edit
 
@@ -93,11 +93,10 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
             column.prop(self, name)
 
 
-class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
-    """Grow this tree from its settings; objects, modifiers and materials stay"""
-
-    bl_label = "Grow Again"
-    needs = (
+@button(
+    "Grow Again",
+    WhenReady,
+    needs=(
         (
             lambda context: _is_grown(context),
             keep("This is no tree of Add > Mesh > L-system Tree"),
@@ -106,31 +105,31 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
             lambda context: context.object.data.is_editable,
             keep("This tree is of another file: grow it there"),
         ),
-    )
-
-    new_seed: bpy.props.BoolProperty(
+    ),
+    new_seed=bpy.props.BoolProperty(
         name="New Seed", description="Another tree of the same species", options={"SKIP_SAVE"}
-    )
-
-    def act(self, context: bpy.types.Context) -> str:
-        old = context.object.data
-        settings = old.forest_grown
-        seed = settings.seed + 1 if self.new_seed else settings.seed
-        data = _grow(context, settings.grown, seed, settings.generations, settings.leaves)
-        if old.get(SHAPE_OF) == settings.grown:  # another species has a bark of its own
-            made = list(data.materials)
-            data.materials.clear()
-            for material in old.materials:
-                data.materials.append(material)
-            bpy.data.batch_remove([material for material in made if not material.users])
-        name = old.name
-        for key, value in old.items():  # what the user has noted on it
-            if key not in data:
-                data[key] = value
-        old.user_remap(data)
-        bpy.data.meshes.remove(old)
-        data.name = name
-        return ""
+    ),
+)
+def _grow_again(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
+    """Grow this tree from its settings; objects, modifiers and materials stay"""
+    old = context.object.data
+    settings = old.forest_grown
+    seed = settings.seed + 1 if pressed.new_seed else settings.seed
+    data = _grow(context, settings.grown, seed, settings.generations, settings.leaves)
+    if old.get(SHAPE_OF) == settings.grown:  # another species has a bark of its own
+        made = list(data.materials)
+        data.materials.clear()
+        for material in old.materials:
+            data.materials.append(material)
+        bpy.data.batch_remove([material for material in made if not material.users])
+    name = old.name
+    for key, value in old.items():  # what the user has noted on it
+        if key not in data:
+            data[key] = value
+    old.user_remap(data)
+    bpy.data.meshes.remove(old)
+    data.name = name
+    return ""
 
 
 def _is_grown(context: bpy.types.Context) -> bool:

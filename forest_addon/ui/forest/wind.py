@@ -18,7 +18,7 @@ from ...blender.scene.layout import points_of_forest
 from ...blender.scene.nodes import LEVEL_KEY, NEAR, drawn_inputs, instancer_of, show_as, shown_of
 from ...spec import SpecError
 from ..settings.exchange import to_spec, usable
-from ..shell.running import Button, Working, button
+from ..shell.running import Button, Working, button, long_button
 from ..shell.views import redraw_views
 from ..shell.words import label, say
 from .build import fingerprint, read_site
@@ -112,34 +112,31 @@ def swaying(context: bpy.types.Context, missing: list[str]) -> Generator[Task, A
 ENDINGS = {".abc": "Alembic", ".usd": "USD", ".usda": "USD", ".usdc": "USD", ".usdz": "USD"}
 
 
-class FOREST_OT_show_wind(Working, bpy.types.Operator):
+@long_button("Show Wind", Working)
+def _show_wind(_pressed: bpy.types.Operator, context: bpy.types.Context) -> Work:
     """Let the trees sway in views and renders, as sensors meet them"""
+    from ...blender.show.wind import amplitudes_of, knots_of, show_wind
+    from ...stand.wind import KNOTS
 
-    bl_label = "Show Wind"
-
-    def work(self, context: bpy.types.Context) -> Work:
-        from ...blender.show.wind import amplitudes_of, knots_of, show_wind
-        from ...stand.wind import KNOTS
-
-        if to_spec(context.scene, []).wind.speed == 0:
-            raise SpecError(say("Wind"), say("set its speed above 0 first"))
-        count = knots_of(context.scene, KNOTS)
-        missing: list[str] = []
-        sway = yield from swaying(context, missing)
-        if sway is None:
-            raise SpecError(say("Wind"), missing[0] if missing else say("grow a forest first"))
-        ahead = yield Task(
-            say("working out how trees answer the wind"), partial(amplitudes_of, sway, count)
-        )
-        made = show_wind(context.scene, sway, KNOTS, ahead)
-        sentence = say(
-            "{count} trees sway for {seconds:.0f} s; play to see them",
-            count=made.trees,
-            seconds=made.seconds,
-        )
-        if made.still:
-            sentence += "; " + say("{count} have no skeleton and stand still", count=made.still)
-        return sentence
+    if to_spec(context.scene, []).wind.speed == 0:
+        raise SpecError(say("Wind"), say("set its speed above 0 first"))
+    count = knots_of(context.scene, KNOTS)
+    missing: list[str] = []
+    sway = yield from swaying(context, missing)
+    if sway is None:
+        raise SpecError(say("Wind"), missing[0] if missing else say("grow a forest first"))
+    ahead = yield Task(
+        say("working out how trees answer the wind"), partial(amplitudes_of, sway, count)
+    )
+    made = show_wind(context.scene, sway, KNOTS, ahead)
+    sentence = say(
+        "{count} trees sway for {seconds:.0f} s; play to see them",
+        count=made.trees,
+        seconds=made.seconds,
+    )
+    if made.still:
+        sentence += "; " + say("{count} have no skeleton and stand still", count=made.still)
+    return sentence
 
 
 @button("Hide Wind", Button, bl_options={"UNDO"})

@@ -6,7 +6,7 @@ Operators of a result's icons select its points, show its picture, play its soun
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 import numpy as np
@@ -32,7 +32,7 @@ from ...formats.wav import write_wav
 from ...results.coordinates import Offset
 from ...spec import SpecError
 from ..settings.drawing import OnceStarted, icon_of, is_narrow, split
-from ..shell.running import Button, Reading, panel
+from ..shell.running import Button, Reading, button, panel
 from ..shell.views import icons, region_of, select
 from ..shell.words import keep, label, label_of_kept, say
 from .keep import blocks_of, let_go, points_of, record_of
@@ -193,49 +193,45 @@ EARS = 2  # channels that are played; files have all
 _playing: Any = None  # what sounds now, and its sound; it stops when nobody holds it
 
 
-class FOREST_OT_select_result(Reading, bpy.types.Operator):
-    """Select these points and show them"""
-
-    bl_label = "Select Points"
-    needs = (
+@button(
+    "Select Points",
+    Reading,
+    needs=(
         (
             lambda context: context.mode == "OBJECT",
             keep("Leave this mode first: objects are selected in Object Mode"),
         ),
-    )
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    shown: bpy.props.StringProperty(options={"HIDDEN"})
+    ),
+    bl_options={"REGISTER", "UNDO"},
+    shown=bpy.props.StringProperty(options={"HIDDEN"}),
+)
+def _select_result(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
+    """Select these points and show them"""
+    obj = context.scene.objects.get(pressed.shown)
+    if obj is None:
+        problem = say("{name} is no longer in the scene. Run its sensor again", name=pressed.shown)
+        raise ValueError(problem)
+    select(context, obj)
+    return ""
 
-    def act(self, context: bpy.types.Context) -> str:
-        obj = context.scene.objects.get(self.shown)
-        if obj is None:
-            problem = say("{name} is no longer in the scene. Run its sensor again", name=self.shown)
-            raise ValueError(problem)
-        select(context, obj)
-        return ""
 
-
-class FOREST_OT_play(Reading, bpy.types.Operator):
+@button("Play", Reading, sensor=bpy.props.StringProperty(options={"HIDDEN"}))
+def _play(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Play it: a reverb as the chosen sound is heard in the forest, an echo slowed down for human ears"""
+    import aud
 
-    bl_label = "Play"
-    sensor: bpy.props.StringProperty(options={"HIDDEN"})
-
-    def act(self, context: bpy.types.Context) -> str:
-        import aud
-
-        global _playing
-        result = context.scene.forest_sensing.results.get(self.sensor)
-        heard = None if result is None else heard_of(result)
-        if heard is None:
-            raise ValueError(say("{name} has no sound. Run it again", name=self.sensor))
-        samples, rate = heard
-        try:
-            sound = aud.Sound.buffer(np.ascontiguousarray(samples[:, :EARS], np.float32), rate)
-            _playing = aud.Device().play(sound), sound
-        except aud.error as problem:
-            raise ValueError(say("No sound can be played here: {reason}", reason=problem)) from None
-        return ""
+    global _playing
+    result = context.scene.forest_sensing.results.get(pressed.sensor)
+    heard = None if result is None else heard_of(result)
+    if heard is None:
+        raise ValueError(say("{name} has no sound. Run it again", name=pressed.sensor))
+    samples, rate = heard
+    try:
+        sound = aud.Sound.buffer(np.ascontiguousarray(samples[:, :EARS], np.float32), rate)
+        _playing = aud.Device().play(sound), sound
+    except aud.error as problem:
+        raise ValueError(say("No sound can be played here: {reason}", reason=problem)) from None
+    return ""
 
 
 def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
@@ -267,29 +263,25 @@ def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
     return normalised(wet, PEAK_DB)[0], rate
 
 
-class FOREST_OT_show_picture(Reading, bpy.types.Operator):
+@button("Show in Image Editor", Reading, result=bpy.props.StringProperty(options={"HIDDEN"}))
+def _show_picture(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Show this picture in an Image Editor, below this view where none is open"""
-
-    bl_label = "Show in Image Editor"
-    result: bpy.props.StringProperty(options={"HIDDEN"})
-
-    def act(self, context: bpy.types.Context) -> str:
-        results = context.scene.forest_sensing.results
-        picture = results[self.result].picture if self.result in results else None
-        if picture is None:
-            raise ValueError(say("This picture is no longer there. Run its sensor again"))
-        area = next((a for a in context.screen.areas if a.type == "IMAGE_EDITOR"), None)
+    results = context.scene.forest_sensing.results
+    picture = results[pressed.result].picture if pressed.result in results else None
+    if picture is None:
+        raise ValueError(say("This picture is no longer there. Run its sensor again"))
+    area = next((a for a in context.screen.areas if a.type == "IMAGE_EDITOR"), None)
+    if area is None:
+        known = set(context.screen.areas)
+        bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.45)
+        area = next(iter(set(context.screen.areas) - known), None)
         if area is None:
-            known = set(context.screen.areas)
-            bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.45)
-            area = next(iter(set(context.screen.areas) - known), None)
-            if area is None:
-                raise ValueError(say("There is no room for it here. Open an Image Editor first"))
-            area.type = "IMAGE_EDITOR"
-        area.spaces.active.image = picture
-        with context.temp_override(area=area, region=region_of(area, "WINDOW")):
-            bpy.ops.image.view_all(fit_view=True)
-        return ""
+            raise ValueError(say("There is no room for it here. Open an Image Editor first"))
+        area.type = "IMAGE_EDITOR"
+    area.spaces.active.image = picture
+    with context.temp_override(area=area, region=region_of(area, "WINDOW")):
+        bpy.ops.image.view_all(fit_view=True)
+    return ""
 
 
 WORDS = {
@@ -442,24 +434,19 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
         return () if result is None else endings_of(result)
 
 
-class FOREST_OT_remove_result(Button, bpy.types.Operator):
+@button("Remove Result", Button, result=bpy.props.StringProperty(options={"HIDDEN"}))
+def _remove_result(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Remove this result, with its points and its picture; files that were written stay"""
-
-    bl_label = "Remove Result"
-
-    result: bpy.props.StringProperty(options={"HIDDEN"})
-
-    def act(self, context: bpy.types.Context) -> str:
-        results = context.scene.forest_sensing.results
-        number = results.find(self.result)
-        if number < 0:
-            raise ValueError(say("{name} is no longer there", name=self.result))
-        shown = context.scene.objects.get(results[number].shown)
-        left = blocks_of(results[number])
-        results.remove(number)
-        home = find_part(context.scene, RESULTS)
-        if shown is not None and home is not None and shown.name in home.objects and is_ours(shown):
-            left.append(shown.data)
-            bpy.data.objects.remove(shown)
-        let_go(left)
-        return ""
+    results = context.scene.forest_sensing.results
+    number = results.find(pressed.result)
+    if number < 0:
+        raise ValueError(say("{name} is no longer there", name=pressed.result))
+    shown = context.scene.objects.get(results[number].shown)
+    left = blocks_of(results[number])
+    results.remove(number)
+    home = find_part(context.scene, RESULTS)
+    if shown is not None and home is not None and shown.name in home.objects and is_ours(shown):
+        left.append(shown.data)
+        bpy.data.objects.remove(shown)
+    let_go(left)
+    return ""

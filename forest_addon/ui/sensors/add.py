@@ -237,28 +237,22 @@ def _heights(obj: bpy.types.Object, x: float, y: float) -> list[float]:
     return [(obj.matrix_world @ place).z] if hit else []
 
 
-class FOREST_OT_add_sensor(Button, bpy.types.Operator):
-    """Add a sensor as an object at the 3D cursor: move it, turn it, parent it, key it"""
-
-    bl_label = "Add Sensor"
-
-    kind: bpy.props.EnumProperty(
+@button(
+    "Add Sensor",
+    Button,
+    kind=bpy.props.EnumProperty(
         name="Kind",
         items=[
             (which, str(start.title), str(start.help), start.icon, number)
             for number, (which, start) in enumerate(STARTS.items())
         ],
-    )
-
-    @classmethod
-    def description(
-        cls, _context: bpy.types.Context, settings: bpy.types.OperatorProperties
-    ) -> str:
-        return say(STARTS[settings.kind].help)
-
-    def act(self, context: bpy.types.Context) -> str:
-        put(context, self.kind)
-        return ""
+    ),
+    description=classmethod(lambda _cls, _context, given: say(STARTS[given.kind].help)),
+)
+def _add_sensor(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
+    """Add a sensor as an object at the 3D cursor: move it, turn it, parent it, key it"""
+    put(context, pressed.kind)
+    return ""
 
 
 @button("Scan This Scene", Button)

@@ -18,7 +18,7 @@ from ...blender.jobs import Task, Work
 from ...blender.scene.layout import RESULTS, part
 from ..settings.drawing import BIG, OfSensors, draw_settings, split
 from ..settings.exchange import add_sensor, to_spec
-from ..shell.running import Button, Working, button, getting_ready, panel
+from ..shell.running import Button, Working, button, getting_ready, long_button, panel
 from ..shell.views import choose_sensor
 from ..shell.words import say
 
@@ -63,67 +63,66 @@ def flyer_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return next((obj for obj in scene.objects if FLYER_KEY in obj), None)
 
 
-class FOREST_OT_fly(Working, bpy.types.Operator):
-    """Fly from where the flyer stands to its aim, through all that stands in the scene, and animate it"""
-
-    bl_label = "Fly"
-
-    policy: bpy.props.EnumProperty(
+@long_button(
+    "Fly",
+    Working,
+    policy=bpy.props.EnumProperty(
         name="Policy", description="How it finds its way", items=POLICIES
-    )
-    seed: bpy.props.IntProperty(name="Seed", min=0, description="Of what is left to chance")
+    ),
+    seed=bpy.props.IntProperty(name="Seed", min=0, description="Of what is left to chance"),
+)
+def _fly(pressed: bpy.types.Operator, context: bpy.types.Context) -> Work:
+    """Fly from where the flyer stands to its aim, through all that stands in the scene, and animate it"""
+    scene = context.scene
+    obj = flyer_of(scene)
+    if obj is None:
+        raise spec.SpecError("", say("There is no flyer yet; add one by Add > Forest > Flight"))
+    yield getting_ready("api", "flight.flying", "flight.policies", "flight.woods")
+    from ...api import World
+    from ...blender.show.trails import show_flights
+    from ...flight.flying import fly
+    from ...flight.policies import policy_of
+    from ...flight.senses import LIDAR, SONAR, EarSense, LidarSense
+    from ...flight.simulation import Flyers
+    from ...flight.woods import Stock
 
-    def work(self, context: bpy.types.Context) -> Work:
-        scene = context.scene
-        obj = flyer_of(scene)
-        if obj is None:
-            raise spec.SpecError("", say("There is no flyer yet; add one by Add > Forest > Flight"))
-        yield getting_ready("api", "flight.flying", "flight.policies", "flight.woods")
-        from ...api import World
-        from ...blender.show.trails import show_flights
-        from ...flight.flying import fly
-        from ...flight.policies import policy_of
-        from ...flight.senses import LIDAR, SONAR, EarSense, LidarSense
-        from ...flight.simulation import Flyers
-        from ...flight.woods import Stock
+    settings = to_spec(scene, [])
+    place, heading = obj.matrix_world.translation, obj.matrix_world.to_euler().z
+    flight = settings.flight.changed(start=tuple(place), heading_deg=degrees(heading))
+    settings = settings.changed(flight=flight)
+    world = World(settings, Path(bpy.path.abspath(scene.forest_sensing.folder)), None, scene)
+    stock = Stock.standing(world)
 
-        settings = to_spec(scene, [])
-        place, heading = obj.matrix_world.translation, obj.matrix_world.to_euler().z
-        flight = settings.flight.changed(start=tuple(place), heading_deg=degrees(heading))
-        settings = settings.changed(flight=flight)
-        world = World(settings, Path(bpy.path.abspath(scene.forest_sensing.folder)), None, scene)
-        stock = Stock.standing(world)
+    def flown(_tell: Any) -> Any:
+        lidar, ears = LidarSense(LIDAR), EarSense(SONAR, settings.air)
+        pilot = policy_of(pressed.policy, flight, lidar, ears)
+        hears = "sonar" in pilot.sensors
+        flyers = Flyers(flight, 1, None if hears else lidar, ears if hears else None)
+        flyers.enter(stock.surroundings())
+        return fly(flyers, pilot, [pressed.seed])[0]
 
-        def flown(_tell: Any) -> Any:
-            lidar, ears = LidarSense(LIDAR), EarSense(SONAR, settings.air)
-            pilot = policy_of(self.policy, flight, lidar, ears)
-            hears = "sonar" in pilot.sensors
-            flyers = Flyers(flight, 1, None if hears else lidar, ears if hears else None)
-            flyers.enter(stock.surroundings())
-            return fly(flyers, pilot, [self.seed])[0]
-
-        if settings.wind.speed > 0:
-            self.report(
-                {"WARNING"}, say("Scenes in Blender carry flyers by their steady wind alone")
-            )
-        track = yield Task(say("flying"), flown)
-        show_flights(part(scene, RESULTS), [track], name=obj.name, flyer=obj)
-        seconds, way = track.seconds, track.flown
-        return {
-            "arrived": say(
-                "It arrives after {seconds:.1f} s and {way:.0f} m", seconds=seconds, way=way
-            ),
-            "crashed": say(
-                "It touches something after {seconds:.1f} s and {way:.0f} m",
-                seconds=seconds,
-                way=way,
-            ),
-            "late": say(
-                "It is still on its way after {seconds:.1f} s and {way:.0f} m",
-                seconds=seconds,
-                way=way,
-            ),
-        }[track.end]
+    if settings.wind.speed > 0:
+        pressed.report(
+            {"WARNING"}, say("Scenes in Blender carry flyers by their steady wind alone")
+        )
+    track = yield Task(say("flying"), flown)
+    show_flights(part(scene, RESULTS), [track], name=obj.name, flyer=obj)
+    seconds, way = track.seconds, track.flown
+    return {
+        "arrived": say(
+            "It arrives after {seconds:.1f} s and {way:.0f} m", seconds=seconds, way=way
+        ),
+        "crashed": say(
+            "It touches something after {seconds:.1f} s and {way:.0f} m",
+            seconds=seconds,
+            way=way,
+        ),
+        "late": say(
+            "It is still on its way after {seconds:.1f} s and {way:.0f} m",
+            seconds=seconds,
+            way=way,
+        ),
+    }[track.end]
 
 
 @panel(spec.Flight.TITLE, OfSensors)

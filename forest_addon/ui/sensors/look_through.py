@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import blf
 import bpy
@@ -24,7 +24,7 @@ from ...sensing.kind import Observation
 from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
-from ..shell.running import PROBLEMS, WhenReady, current, in_words
+from ..shell.running import PROBLEMS, Button, button, current, in_words, obstacle
 from ..shell.views import (
     chosen_sensor,
     draw_no_more,
@@ -114,26 +114,23 @@ _eye: Eye | None = None
 _reading = False
 
 
-class FOREST_OT_look_through(WhenReady, bpy.types.Operator):
+@button(
+    "Look Through",
+    Button,
+    bl_options=set(),
+    ready=staticmethod(lambda context: obstacle(context) if _eye is None else ""),
+    needs=((lambda context: _eye is not None or _sees(chosen_sensor(context)), NO_EYES),),
+)
+def _look_through(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Show live what the chosen scanner sees, or a sonar at the 3D cursor hears; press again to end"""
-
-    bl_label = "Look Through"
-    bl_options: ClassVar[set[str]] = set()
-    needs = ((lambda context: _sees(chosen_sensor(context)), NO_EYES),)
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        return super().obstacle(context) if _eye is None else ""
-
-    def act(self, context: bpy.types.Context) -> str:
-        if _eye is not None:
-            end()
-            return ""
-        eye = begin(context.scene)
-        _look(eye, context)
-        if eye.problem:
-            self.report({"WARNING"}, eye.problem)
+    if _eye is not None:
+        end()
         return ""
+    eye = begin(context.scene)
+    _look(eye, context)
+    if eye.problem:
+        pressed.report({"WARNING"}, eye.problem)
+    return ""
 
 
 def draw_switch(

@@ -21,7 +21,7 @@ from ...formats.atomic import replacing
 from ...formats.toml_file import structure, table_of
 from ...sensing.kinds import KINDS
 from ...spec import SpecError
-from ..shell.running import Reading, in_words
+from ..shell.running import Reading, button, in_words
 from ..shell.views import chosen_planting, chosen_sensor, chosen_settings
 from ..shell.words import say
 from . import exchange, references
@@ -95,20 +95,19 @@ def draw_presets(layout: bpy.types.UILayout, name: str) -> None:
         panel.draw_panel_header(layout)
 
 
-class FOREST_OT_apply_preset(Reading, bpy.types.Operator):
+@button(
+    "Apply Preset",
+    Reading,
+    bl_options={"INTERNAL", "UNDO"},
+    kind=bpy.props.StringProperty(options={"SKIP_SAVE"}),
+    values=bpy.props.StringProperty(options={"SKIP_SAVE"}),
+)
+def _apply_preset(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Set the chosen sensor or planting, or the wind, as a preset says"""
-
-    bl_label = "Apply Preset"
-    bl_options: ClassVar[set[str]] = {"INTERNAL", "UNDO"}
-
-    kind: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
-    values: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
-
-    def act(self, context: bpy.types.Context) -> str:
-        if self.kind not in SETTINGS or group_of(self.kind, context) is None:
-            raise ValueError(say("Choose what the preset is for first"))
-        apply(self.kind, context, json.loads(self.values))
-        return ""
+    if pressed.kind not in SETTINGS or group_of(pressed.kind, context) is None:
+        raise ValueError(say("Choose what the preset is for first"))
+    apply(pressed.kind, context, json.loads(pressed.values))
+    return ""
 
 
 class _PresetButton(AddPresetBase):

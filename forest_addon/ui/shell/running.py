@@ -218,24 +218,31 @@ class Button:
         return {"CANCELLED"} if said is None else {"FINISHED"}
 
 
+ASKED = type(bpy.props.BoolProperty())  # what Blender asks for: a property of a class
+
+
 def made(
-    kind: type, letters: str, does: str, title: str, *bases: type, **body: Any
+    kind: type, letters: str, does: str, title: str, /, *bases: type, **body: Any
 ) -> Callable[[Callable[..., Any]], type]:
     """Make a class of Blender's of the function below, which has its name, its help and what it ``does``.
 
     letters : of its kind, within its name. title : what people call it. bases : what all of its sort share.
-    body : what else the class holds.
+    body : what else the class holds, settings that Blender asks for among it.
     """
 
     def make(function: Callable[..., Any], name: str = "") -> type:
+        held = {key: value for key, value in body.items() if not isinstance(value, ASKED)}
+        asked = {key: value for key, value in body.items() if key not in held}
         said = {"__doc__": function.__doc__, "bl_label": title, does: function}
         id_name = (name or function.__name__).lstrip("_")
-        return type(f"FOREST_{letters}_{id_name}", (*bases, kind), said | body)
+        kept = said | held | {"__annotations__": asked}
+        return type(f"FOREST_{letters}_{id_name}", (*bases, kind), kept)
 
     return make
 
 
 button = functools.partial(made, bpy.types.Operator, "OT", "act")  # forest.NAME
+long_button = functools.partial(made, bpy.types.Operator, "OT", "work")  # which starts a job
 panel = functools.partial(made, bpy.types.Panel, "PT", "draw")
 menu = functools.partial(made, bpy.types.Menu, "MT", "draw")
 

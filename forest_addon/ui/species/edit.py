@@ -40,6 +40,7 @@ from ..shell.running import (
     button,
     dropped,
     getting_ready,
+    long_button,
     press,
 )
 from ..shell.views import PLANTED, chosen_planting, icons
@@ -319,39 +320,36 @@ SEED = 1
 FIRST = ("norway-maple", "silver-birch", "norway-spruce", "hazelnut")  # where nothing is planted
 
 
-class FOREST_OT_make_library(Working, bpy.types.Operator):
-    """Write trees of this scene's species, or four usual ones, as assets for the Asset Browser"""
-
-    bl_label = "Make Asset Library"
-
-    variants: bpy.props.IntProperty(  # type: ignore[valid-type]
+@long_button(
+    "Make Asset Library",
+    Working,
+    variants=bpy.props.IntProperty(
         name="Trees", description="How many of each species", default=4, min=1, max=200
-    )
-    add: bpy.props.BoolProperty(  # type: ignore[valid-type]
+    ),
+    add=bpy.props.BoolProperty(
         name="Add", description="Add it to Blender's asset libraries", options={"SKIP_SAVE"}
-    )
+    ),
+)
+def _make_library(pressed: bpy.types.Operator, context: bpy.types.Context) -> Work:
+    """Write trees of this scene's species, or four usual ones, as assets for the Asset Browser"""
+    yield getting_ready("blender.scene.assets")
+    from ...blender.scene.assets import grow_exhibits, write_species
 
-    def work(self, context: bpy.types.Context) -> Work:
-        yield getting_ready("blender.scene.assets")
-        from ...blender.scene.assets import grow_exhibits, write_species
-
-        props, out = context.scene.forest_sensing, library_folder()
-        folder = Path(bpy.path.abspath(props.folder))
-        edited, count = edited_species(context.scene), int(self.variants)
-        names = list(dict.fromkeys(p.species for p in props.plantings if p.species)) or [*FIRST]
-        for done, name in enumerate(names):
-            loaded = yield Task(
-                say("reading files"), lambda _, name=name: load(name, folder, edited)
-            )
-            exhibits = yield Task(
-                say("growing trees"),
-                lambda tell, loaded=loaded: grow_exhibits(*loaded, count, SEED, tell),
-                span=(done / len(names), (done + 1) / len(names)),
-            )
-            write_species(out, loaded[0], exhibits)
-        if self.add and not _is_added(context):
-            _add(context)
-        return say("{trees} trees in {folder}", trees=count * len(names), folder=out)
+    props, out = context.scene.forest_sensing, library_folder()
+    folder = Path(bpy.path.abspath(props.folder))
+    edited, count = edited_species(context.scene), int(pressed.variants)
+    names = list(dict.fromkeys(p.species for p in props.plantings if p.species)) or [*FIRST]
+    for done, name in enumerate(names):
+        loaded = yield Task(say("reading files"), lambda _, name=name: load(name, folder, edited))
+        exhibits = yield Task(
+            say("growing trees"),
+            lambda tell, loaded=loaded: grow_exhibits(*loaded, count, SEED, tell),
+            span=(done / len(names), (done + 1) / len(names)),
+        )
+        write_species(out, loaded[0], exhibits)
+    if pressed.add and not _is_added(context):
+        _add(context)
+    return say("{trees} trees in {folder}", trees=count * len(names), folder=out)
 
 
 NEW = (
@@ -444,62 +442,61 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, Taking):
         return ""
 
 
-class FOREST_OT_make_species(Working, bpy.types.Operator):
+@long_button(
+    "Import STL",
+    Working,
+    wood=bpy.props.StringProperty(name="Wood", subtype="FILE_PATH", options={"SKIP_SAVE"}),
+    leaves=bpy.props.StringProperty(name="Leaves", subtype="FILE_PATH", options={"SKIP_SAVE"}),
+    title=bpy.props.StringProperty(name="Name", options={"SKIP_SAVE"}),
+    height=bpy.props.FloatProperty(name="Height", unit="LENGTH", options={"SKIP_SAVE"}),
+    accept=bpy.props.BoolProperty(name="Accept", options={"SKIP_SAVE"}),
+)
+def _make_species(pressed: bpy.types.Operator, context: bpy.types.Context) -> Work:
     """Recognise a tree in files, keep it as a species and plant it"""
+    from ...blender.files.tree_files import read_parts
+    from ...blender.scene.assets import on_paper
+    from ...formats.raster_file import write_png
+    from ...growth.library import Brought, Library, check_name, make_library
+    from ...spec import Look
 
-    bl_label = "Import STL"
+    props = context.scene.forest_sensing
+    wood, leaves = Path(pressed.wood), Path(pressed.leaves) if pressed.leaves else None
+    accept, height = pressed.accept, pressed.height
+    name = pressed.title or title_from(wood)
+    check_name(name)
+    plain = all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path)
+    groups = [] if plain else read_parts(wood, leaves)
+    home = species_folder()
+    folder = home / free_name(name, "-", "", lambda name: (home / name).exists())
+    brought = Brought(wood, leaves, height, groups=groups)
 
-    wood: bpy.props.StringProperty(name="Wood", subtype="FILE_PATH", options={"SKIP_SAVE"})
-    leaves: bpy.props.StringProperty(name="Leaves", subtype="FILE_PATH", options={"SKIP_SAVE"})
-    title: bpy.props.StringProperty(name="Name", options={"SKIP_SAVE"})
-    height: bpy.props.FloatProperty(name="Height", unit="LENGTH", options={"SKIP_SAVE"})
-    accept: bpy.props.BoolProperty(name="Accept", options={"SKIP_SAVE"})
+    def recognise(tell: Progress) -> Library:
+        made = make_library(brought, folder.name, folder, tell, siblings=JUDGED, accept=accept)
+        picture = on_paper(made.wood, made.leaves, Look())
+        with replacing(picture_of(made.species)) as file:
+            file.write_bytes(write_png(picture))
+        return made
 
-    def work(self, context: bpy.types.Context) -> Work:
-        from ...blender.files.tree_files import read_parts
-        from ...blender.scene.assets import on_paper
-        from ...formats.raster_file import write_png
-        from ...growth.library import Brought, Library, check_name, make_library
-        from ...spec import Look
-
-        props = context.scene.forest_sensing
-        wood, leaves = Path(self.wood), Path(self.leaves) if self.leaves else None
-        accept, height = self.accept, self.height
-        name = self.title or title_from(wood)
-        check_name(name)
-        plain = all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path)
-        groups = [] if plain else read_parts(wood, leaves)
-        home = species_folder()
-        folder = home / free_name(name, "-", "", lambda name: (home / name).exists())
-        brought = Brought(wood, leaves, height, groups=groups)
-
-        def recognise(tell: Progress) -> Library:
-            made = make_library(brought, folder.name, folder, tell, siblings=JUDGED, accept=accept)
-            picture = on_paper(made.wood, made.leaves, Look())
-            with replacing(picture_of(made.species)) as file:
-                file.write_bytes(write_png(picture))
-            return made
-
-        made = yield Task(say("recognising the tree"), recognise)
-        if made.verdict is not None and not made.verdict.stands and not accept:
-            shutil.rmtree(folder)
-            problem = say("tick Accept to plant them all the same")
-            raise SpecError(say("Import STL"), f"{made.verdict.sentence}; {problem}")
-        planting = props.plantings.add()
-        planting.species = made.species.as_posix()
-        planting.use_expected = True
-        props.active_plantings = len(props.plantings) - 1
-        refresh()
-        if made.verdict is not None and made.verdict.missed:
-            return f"{folder.name}: {made.verdict.sentence}"
-        return say(
-            "{name}: {branches:,} branches, {leaves:,} leaves, {height:.2f} m high ({unit})",
-            name=folder.name,
-            branches=made.branches,
-            leaves=made.leaf_count,
-            height=made.height,
-            unit=made.unit.name,
-        )
+    made = yield Task(say("recognising the tree"), recognise)
+    if made.verdict is not None and not made.verdict.stands and not accept:
+        shutil.rmtree(folder)
+        problem = say("tick Accept to plant them all the same")
+        raise SpecError(say("Import STL"), f"{made.verdict.sentence}; {problem}")
+    planting = props.plantings.add()
+    planting.species = made.species.as_posix()
+    planting.use_expected = True
+    props.active_plantings = len(props.plantings) - 1
+    refresh()
+    if made.verdict is not None and made.verdict.missed:
+        return f"{folder.name}: {made.verdict.sentence}"
+    return say(
+        "{name}: {branches:,} branches, {leaves:,} leaves, {height:.2f} m high ({unit})",
+        name=folder.name,
+        branches=made.branches,
+        leaves=made.leaf_count,
+        height=made.height,
+        unit=made.unit.name,
+    )
 
 
 def parts_of(files: Sequence[Path]) -> tuple[Path, Path | None]:

@@ -210,7 +210,7 @@ def test_settings_that_contradict_each_other_are_refused():
 def off_mesh(mesh: TriMesh, anatomy: Anatomy, grown: Grown) -> float:
     """Metres, at most, that a corner of the lowest ring of a branch's mesh is outside its bearer's mesh.
 
-    Of all branches that were bridged and of 60 others; distances by Blender's own tree of triangles.
+    Of all branches that were bridged and of 30 others; distances by Blender's own tree of triangles.
     """
     import bpy  # noqa: F401 - brings mathutils
     from mathutils.bvhtree import BVHTree
@@ -222,7 +222,7 @@ def off_mesh(mesh: TriMesh, anatomy: Anatomy, grown: Grown) -> float:
     _, of_facet, _ = stock.triangles.copy(grown.piece)
     begin = np.searchsorted(of_facet, np.arange(len(grown.piece) + 1))
     borne = grown.parent >= 0
-    some_of = np.random.default_rng(len(facets)).permutation(np.flatnonzero(borne))[:60]
+    some_of = np.random.default_rng(len(facets)).permutation(np.flatnonzero(borne))[:30]
     bridged = np.flatnonzero(borne & (anatomy.bridged[grown.piece] > 0))
     worst = 0.0
     for branch in np.union1d(some_of, bridged):
