@@ -187,6 +187,7 @@ void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
     for (int64_t begin = 0; begin < count; begin += BLOCK) {
         int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
         double turn_of[BLOCK], steep_of[BLOCK], place[BLOCK], level[BLOCK]; /* the first two at 1/m */
+        double turn_at[BLOCK], steep_at[BLOCK]; /* of a radius of 1 m, at as many nodes */
         for (int64_t i = 0; i < some; i++) {
             double log_radius = logarithm(radius[begin + i] > 1e-30 ? radius[begin + i] : 1e-30);
             turn_of[i] = 0.3999 * exponential(-0.9065 * log_radius);
@@ -194,13 +195,17 @@ void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
         }
         for (int64_t q = 0; q < nodes; q++) {
             double k = wavenumber[q];
-            double turn_at = pow(k, -0.9065);
-            double steep_at = pow(k, 0.3523);
+            if (q % BLOCK == 0)
+                for (int64_t r = 0; r < BLOCK && q + r < nodes; r++) {
+                    double log_wavenumber = logarithm(wavenumber[q + r]);
+                    turn_at[r] = exponential(-0.9065 * log_wavenumber);
+                    steep_at[r] = exponential(0.3523 * log_wavenumber);
+                }
             double *value = values + 2 * (q * count + begin);
             for (int64_t i = 0; i < some; i++) {
                 double size = k * radius[begin + i];
-                double turn = turn_of[i] * turn_at + 0.9979;
-                double steepness = steep_of[i] * steep_at - 0.9459;
+                double turn = turn_of[i] * turn_at[q % BLOCK] + 0.9979;
+                double steepness = steep_of[i] * steep_at[q % BLOCK] - 0.9459;
                 double angle = incidence[begin + i];
                 double cosine, sine;
                 place[i] = (steepness * (QUARTER - angle) - first) / step;
@@ -217,22 +222,14 @@ void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const d
     }
 }
 
-/* The Hankel function of order 1 at x >= 6, without its phase e^{ix}; table: of its product with the root of x,
- * over 6/x from 0 to 1. */
-static inline void hankel(int64_t cells, const double *table, double x, double *real, double *imaginary)
-{
-    cubic(cells, table, (double)cells * (6.0 / x), real, imaginary);
-    double root = sqrt(x);
-    *real /= root;
-    *imaginary /= root;
-}
-
-/* 2 J1(x)/x, of at most a BLOCK: by its power series, or from the Hankel function. */
+/* 2 J1(x)/x, of at most a BLOCK: by its power series, or from the Hankel function of order 1, of which a table has
+ * what is left without its phase e^{ix} and times the root of x, over 6/x from 0 to 1. */
 static inline void jincs(int64_t some, int64_t cells, const double *table, const double *x, double *value)
 {
-    double square[BLOCK];
+    double square[BLOCK], place[BLOCK], real[BLOCK], imaginary[BLOCK];
     for (int64_t i = 0; i < some; i++) {
         square[i] = x[i] < 6.0 ? 0.25 * x[i] * x[i] : 0.0;
+        place[i] = (double)cells * (6.0 / larger(x[i], 6.0));
         value[i] = 1.0;
     }
     for (int n = 20; n > 0; n--) {
@@ -241,12 +238,13 @@ static inline void jincs(int64_t some, int64_t cells, const double *table, const
             value[i] = 1.0 - square[i] * share * value[i];
     }
     for (int64_t i = 0; i < some; i++)
-        if (x[i] >= 6.0) {
-            double real, imaginary, cosine, sine;
-            hankel(cells, table, x[i], &real, &imaginary);
-            turned_back(-x[i] / TURN, &cosine, &sine);
-            value[i] = 2.0 * (real * cosine - imaginary * sine) / x[i];
-        }
+        cubic(cells, table, place[i], real + i, imaginary + i);
+    for (int64_t i = 0; i < some; i++) {
+        double cosine, sine;
+        turned_back(-x[i] / TURN, &cosine, &sine);
+        double beyond = 2.0 * (real[i] * cosine - imaginary[i] * sine) / (x[i] * sqrt(x[i]));
+        value[i] = x[i] >= 6.0 ? beyond : value[i];
+    }
 }
 
 void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
@@ -255,34 +253,33 @@ void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const 
 {
     for (int64_t begin = 0; begin < count; begin += BLOCK) {
         int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
-        double across[BLOCK], face[BLOCK];
+        double across[BLOCK], face[BLOCK], sign[BLOCK];
+        int64_t rims = 0;
         for (int64_t i = 0; i < some; i++) {
             double sine, cosine;
+            sign[i] = side[begin + i];
+            rims += sign[i] != 0.0;
             turned_back(-incidence[begin + i] / TURN, &cosine, &sine);
             across[i] = 2.0 * radius[begin + i] * sine;
             face[i] = 0.5 * radius[begin + i] * radius[begin + i] * cosine * factor[begin + i];
         }
         for (int64_t q = 0; q < nodes; q++) {
             double *value = values + 2 * (q * count + begin);
-            double x[BLOCK], whole[BLOCK];
-            int64_t rims = 0;
+            double x[BLOCK], place[BLOCK], rim[BLOCK], whole[BLOCK] = {0.0};
+            double real[BLOCK] = {0.0}, imaginary[BLOCK] = {0.0};
             for (int64_t i = 0; i < some; i++) {
                 x[i] = wavenumber[q] * across[i];
-                rims += side[begin + i] != 0;
+                double beyond = larger(x[i], 6.0);
+                place[i] = (double)cells * (6.0 / beyond);
+                rim[i] = face[i] * wavenumber[q] / (beyond * sqrt(beyond));
             }
             if (rims < some)
                 jincs(some, cells, table, x, whole);
+            for (int64_t i = 0; rims > 0 && i < some; i++)
+                cubic(cells, table, place[i], real + i, imaginary + i);
             for (int64_t i = 0; i < some; i++) {
-                double level = face[i] * wavenumber[q];
-                double real = 0.0, imaginary = 0.0;
-                if (side[begin + i] == 0) {
-                    value[2 * i] = 0.0;
-                    value[2 * i + 1] = level * whole[i];
-                    continue;
-                }
-                hankel(cells, table, x[i], &real, &imaginary);
-                value[2 * i] = side[begin + i] * (level / x[i]) * imaginary;
-                value[2 * i + 1] = level / x[i] * real;
+                value[2 * i] = sign[i] * rim[i] * imaginary[i];
+                value[2 * i + 1] = sign[i] != 0.0 ? rim[i] * real[i] : face[i] * wavenumber[q] * whole[i];
             }
         }
     }
