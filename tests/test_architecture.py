@@ -97,7 +97,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1088, 14),
     "forest_addon/api": (879, 6),
     "forest_addon/base": (359, 12),
-    "forest_addon/blender": (5212, 39),
+    "forest_addon/blender": (5208, 39),
     "forest_addon/drawing": (576, 6),
     "forest_addon/flight": (1805, 12),
     "forest_addon/formats": (3491, 29),
