@@ -3,8 +3,9 @@
 Laws of height, crown width and leaf area are those of BAAD (Falster et al. 2015, Ecology 96:1445; CC0). Bases
 of crowns are also those of trees of pytreedb (Weiser et al. 2022, Earth Syst. Sci. Data 14:2989), which were
 measured on point clouds of closed mixed stands; the median counts where a tree was measured several times.
-A plot of them is a study. So are crown widths of firs: BAAD has those of thin American and Japanese firs
-alone, and silver firs are wider.
+A plot of them is a study. So are crown widths of firs and of deciduous broadleaves: BAAD has those of thin
+American and Japanese firs alone, and silver firs are wider; of its 1,096 broadleaves with a width 1,070 are
+evergreens of the tropics.
 """
 
 import csv
@@ -30,7 +31,7 @@ SOURCE = (
 )
 NUMBERS = ("height_m", "dbh_cm", "crown_base_m")
 WIDTH = "crown_diameter_m"
-WIDTHS_TOGETHER = ("Abies",)
+WIDTHS_TOGETHER = ("Abies", *(kind for kind, of in KINDS.items() if of == "DA"))
 CONIFERS = {"Pinus": "EG", "Abies": "EG", "Picea": "EG", "Tsuga": "EG", "Larix": "DG"}
 
 

@@ -299,7 +299,7 @@ class FlownCloud:
     angle: np.ndarray
 
 
-ENOUGH = 6  # variants of a species that a plot's trees are, each in the size of its own diameter
+ENOUGH = 20  # variants of a species that a plot's trees are, each in the size of its own diameter
 
 
 def write_like(

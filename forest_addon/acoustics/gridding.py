@@ -102,8 +102,8 @@ def lay(
         by_row = heights if heights.flags.c_contiguous else heights.T
         echoes = len(place), place, cycles, len(heights), by_row, *steps
         weights = np.ascontiguousarray(weights, np.float64)
-        points = chosen.width, len(chosen.polynomial), chosen.polynomial, size
-        library.lay_echoes(*echoes, len(grid), weights, *points, grid, largest)
+        taken = chosen.width, len(chosen.polynomial), chosen.polynomial, size
+        library.lay_echoes(*echoes, len(grid), weights, *taken, grid, largest)
         return largest
     first, taps = chosen.spread(place)
     points = np.where(first < 0, first + size, first)[:, None] + np.arange(chosen.width)

@@ -124,8 +124,6 @@ def with_targets(
         uniform = competed(group.uniform, competition[rows])
         where = f"plantings[{group.number}]"
         wanted[rows] = drawn(law, group.dbh, group.given, uniform, where, site)
-    for rows, free in _free(wanted, groups, 1):
-        wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
     lean, rotation = np.zeros((len(stand), 2)), stand.rotation.copy()
     rows = np.flatnonzero(np.isfinite(wanted[:, 0]))
     grows = np.zeros(len(stand), dtype=bool)
@@ -143,8 +141,8 @@ def with_targets(
     rotation[off > 0] = azimuth_of(lean[off > 0])
     for rows, free in _free(wanted, groups, 1):
         place = stand.position[rows, :2] + lean[rows] * wanted[rows, 2:3] / 2
-        height, width = wanted[rows, 1:3].T
-        wanted[rows, 2] = filled(place, height, width, free)
+        width = apart(place, wanted[rows, 2], free)
+        wanted[rows, 2] = filled(place, wanted[rows, 1], width, free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)

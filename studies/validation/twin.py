@@ -2,9 +2,9 @@
 
 The twin is what ``lidar --like REAL.laz --trees TABLE`` writes: each tree of the table where it stands
 and of its size, on the cloud's ground class, flown along the lines that the cloud tells, with the light of
-the instrument that made it, a RIEGL LMS-Q560 (lidaRtRee's documentation); nothing is fitted. Both clouds are
-measured by the same functions, ``EDGE`` and more within the box of the trees: crowns of trees outside the
-plot, which no table has, reach over its rim.
+the instrument that made it, a RIEGL LMS-Q560 (lidaRtRee's documentation), whose threshold is that of the
+cloud's faintest echoes. Both clouds are measured by the same functions, ``EDGE`` and more within the box of
+the trees: crowns of trees outside the plot, which no table has, reach over its rim.
 
 The file numbers a pulse's first return 1 of 2, its last 2 of 2 and all between 2 of 3, so that it tells
 single pulses, and how many returns lie between a first and a last, but not how many a pulse has.
@@ -179,7 +179,7 @@ def compare_twin(data: Path, out: Path, seed: int) -> list[Comparison]:
     trees = trees[((trees[:, :2] > low) & (trees[:, :2] < high)).all(axis=1)]
     cloud = read_cloud(file).within(low, high)
     real, layers = measured(cloud, trees)
-    each, overlap, slices = [], [], _pines(data / "clouds" / "spanner_UAS.laz", seed)
+    each, overlap, slices = [], [], list[Slice]()
     for k in range(SEEDS):
         with TemporaryDirectory() as folder:
             twin = flown_twin(file.resolve(), table.resolve(), Path(folder), seed + k)
@@ -188,6 +188,7 @@ def compare_twin(data: Path, out: Path, seed: int) -> list[Comparison]:
         values, ours = measured(twin, trees)
         each.append(values)
         overlap.append(np.minimum(layers, ours).sum())
+    slices = _pines(data / "clouds" / "spanner_UAS.laz", seed) + slices
     drawn = (draw_slices(slices, out / "slices.png"),)
     found = [
         replace(

@@ -177,7 +177,7 @@ PLAYS = {
     "`Blender needs system libraries that are missing`": no_libraries,
     "`matplotlib is not there`": no_matplotlib,
     "`numpy (FOREST_SENSING_KERNELS=off)` in `forest-sensing doctor`": numpy_computes,
-    "`not a finite number; use metres with a decimal point`": a_cell_of_a_table,
+    "`not a finite number; use one kind of decimals`": a_cell_of_a_table,
     "animated objects stand still in the cloud": nothing_moves,
     "a scan was interrupted": interrupted,
     "`--scanner: is missing`": no_instrument,
