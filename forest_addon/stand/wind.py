@@ -40,7 +40,9 @@ from typing import TypeVar
 import numpy as np
 
 from ..base.rng import child_keys, first_key, keyed_normal, keyed_uniform, stream
+from ..base.rows import RowTable
 from ..base.trimesh import TriMesh
+from ..growth.mesh.leaves import corner_leaves
 from ..growth.sway.beams import GreenWood, wood_of_species
 from ..growth.sway.shape import (
     SwayRig,
@@ -403,6 +405,17 @@ def drag_slices(tree: Tree, one_sided: float) -> tuple[np.ndarray, np.ndarray]:
 
 LOWEST_TOP = 1.0  # metres of height for which wind is told
 LEAN = 0.2  # of a tree's height: a top that is farther off no longer moves by small motions
+AT_ONCE = 4096  # points whose motion is asked for
+
+
+@dataclass(frozen=True)
+class Anchors(RowTable):
+    """Holds of N points of a variant: (N,) the piece that each rides on, (N,) its leaf, -1 where it is wood,
+    and the points (N, 3) at rest, in the variant's own frame and size."""
+
+    piece: np.ndarray
+    leaf: np.ndarray
+    point: np.ndarray
 
 
 Moving = TypeVar("Moving")
@@ -524,11 +537,46 @@ class ForestSway:
         shape, rig = _sure(self.shape(tree)), _sure(self.rig(tree))
         return np.asarray(rig.of_member[shape.members_at(points, leaf)])
 
+    def anchors(self, tree: int) -> Anchors:
+        """Anchors of the mesh vertices of a tree's variant, in their order, for ``displacement``."""
+        mesh = self.rest(tree)
+        leaf = corner_leaves(mesh)
+        held = (
+            self.pieces_at(tree, mesh.vertices, leaf) if self.moves(tree) else np.zeros_like(leaf)
+        )
+        return Anchors(held, leaf, mesh.vertices)
+
+    def displacement(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
+        """(N, 3) metres that points of trees (N,) are off their rest at times (N,), in the world's axes."""
+        return self._moved(tree, at, time)[0]
+
+    def velocity(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
+        """(N, 3) metres a second of points of trees (N,) at times (N,), in the world's axes."""
+        return self._moved(tree, at, time)[1]
+
+    def _moved(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
+        """(2, N, 3) displacements and velocities: of the pieces, and of leaves about their feet."""
+        moved, stand = np.zeros((2, len(tree), 3)), self._forest.stand
+        for one in filter(self.moves, np.unique(tree).tolist()):
+            cos, sin = np.cos(stand.rotation[one]), np.sin(stand.rotation[one])
+            world = stand.scale[one] * np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+            rows = np.flatnonzero(np.asarray(tree) == one)
+            for few in np.array_split(rows, 1 + len(rows) // AT_ONCE):
+                held, when = at.select(few), np.asarray(time)[few]
+                foot, *turns = self.flutter(one, np.maximum(held.leaf, 0), when)
+                arm = np.where(held.leaf[:, None] >= 0, held.point - foot, 0.0)
+                maps = _sure(self.rig(one)).maps[held.piece]
+                for order, size in enumerate(self._swayed(one, when)):
+                    map_of = np.einsum("nm,nmij->nij", size, maps)
+                    off = np.einsum("nij,nj->ni", map_of[:, :, :3], held.point) + map_of[:, :, 3]
+                    moved[order, few] = (off + np.cross(turns[order], arm)) @ world.T
+        return moved
+
     def flutter(
-        self, tree: int, leaf: np.ndarray, time: float
+        self, tree: int, leaf: np.ndarray, time: float | np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Foot (N, 3) of leaves of a tree, and by how much they turn about it at a time: vectors (N, 3) in
-        radians and their rates, in the variant's frame. Needles do not flutter.
+        """Foot (N, 3) of leaves of a tree, and by how much they turn about it at a time, or at times (N,):
+        vectors (N, 3) in radians and their rates, in the variant's frame. Needles do not flutter.
         """
         shape = _sure(self.shape(tree))
         species = self._forest.species[self.variant(tree)[0]]

@@ -53,7 +53,7 @@ def make_library(
         exhibits = grow_exhibits(species, template, variants, seed)
         file = write_species(out, species, exhibits)
         files.append(file)
-        truths = [exhibit.truth for exhibit in exhibits]
+        truths = [truth for _, truth, _ in exhibits]
         spans = [_span([t[k] for t in truths], f) for k, f in COLUMNS]
         say(
             f"{species.name:<20}{variants:>6}{spans[0]:>12} m{spans[1]:>14} m"

@@ -109,6 +109,27 @@ def test_what_was_met_is_where_the_wind_has_it(windy, result):
     assert not motion["velocity"][ground].any()
 
 
+def test_programs_are_told_how_points_of_trees_move(windy):
+    """Wood against its members' own motion, velocities against differences; leaves flutter besides."""
+    sway = sway_of(windy.forest, WINDY.wind, WINDY.seed)
+    rng, stand = np.random.default_rng(1), windy.forest.stand
+    for number in (int(np.flatnonzero(stand.species == kind)[0]) for kind in (0, 1)):
+        at = sway.anchors(number)
+        at = at.select(rng.integers(0, len(at.leaf), 300))
+        time, tree = rng.uniform(0.0, 100.0, 300), np.full(300, number)
+        off, wood = sway.displacement(tree, at, time), at.leaf < 0
+        told = displaced(sway, number, stand.rotation[number], at.point[wood], time[wood])
+        apart = np.linalg.norm(off[wood] - told, axis=1)
+        assert np.quantile(apart, 0.95) < 0.01 + 0.03 * np.linalg.norm(told, axis=1).max()
+        later, sooner = (sway.displacement(tree, at, time + d) for d in (1e-5, -1e-5))
+        speed = sway.velocity(tree, at, time)
+        assert speed == pytest.approx((later - sooner) / 2e-5, abs=1e-6)
+        alone = [
+            sway.displacement(tree[:1], at.select(slice(k, k + 1)), time[k : k + 1]) for k in (0, 7)
+        ]
+        assert np.concatenate(alone) == pytest.approx(off[[0, 7]], abs=1e-12)
+
+
 @pytest.mark.slow
 def test_the_engines_agree_and_the_audit_holds(result):
     assert result.audit.kept, str(result.audit)

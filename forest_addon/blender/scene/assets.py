@@ -169,13 +169,8 @@ def draw(mesh: TriMesh, look: spec.Look, size: int = 1) -> np.ndarray:
 ROOT = "Forest Sensing"
 
 
-@dataclass(frozen=True)
-class Exhibit:
-    """A grown tree, what it measures (by name and unit), and its picture (P, P, 4)."""
-
-    tree: Tree
-    truth: dict[str, float]
-    picture: np.ndarray
+# A grown tree, what it measures (by name and unit), and its picture (P, P, 4).
+Exhibit = tuple[Tree, dict[str, float], np.ndarray]
 
 
 def grow_exhibits(
@@ -190,7 +185,7 @@ def grow_exhibits(
     made = []
     for variant in range(variants):
         tree = grow(species, template, stream(seed, "library", species.name, variant))
-        made.append(Exhibit(tree, tree_truth(tree), draw(tree.mesh, species.look, size=2)))
+        made.append((tree, tree_truth(tree), draw(tree.mesh, species.look, size=2)))
         if progress:
             progress(variant + 1, variants)
     return made
@@ -208,23 +203,22 @@ def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -
     x, made, paths = 0.0, set(), set()
     with all_or_nothing(always=True):
         coats = materials.coats_of(species)
-        for variant, exhibit in enumerate(exhibits):
-            truth = exhibit.truth
+        for variant, (tree, truth, picture) in enumerate(exhibits):
             half = 0.55 * max(truth["crown_width_m"], 0.3 * truth["height_m"])
             x += half if variant else 0.0
             path = f"{ROOT}/{_named().get(species.name) or _guess(species, truth['height_m'])}"
             name = f"{species.name.replace('-', ' ').capitalize()} {variant + 1}"
-            mesh = to_mesh(name, exhibit.tree.mesh)
+            mesh = to_mesh(name, tree.mesh)
             for coat in coats:
                 mesh.materials.append(coat)
-            digest = fingerprint(exhibit.tree.mesh)
-            write_truth(mesh, f"{species.name}#{variant + 1} {digest}", species.name, exhibit.tree)
+            digest = fingerprint(tree.mesh)
+            write_truth(mesh, f"{species.name}#{variant + 1} {digest}", species.name, tree)
             obj = bpy.data.objects.new(name, mesh)
             home = bpy.data.collections.new(name)
             home.objects.link(obj)
             obj.location.x = home.instance_offset[0] = x
             tags = ("tree", species.name, path.rpartition("/")[2].lower())
-            mark_asset(home, describe(species.name, exhibit.truth), tags, exhibit.picture)
+            mark_asset(home, describe(species.name, truth), tags, picture)
             home.asset_data.catalog_id = catalog_id(path)
             made.add(home)
             x += half

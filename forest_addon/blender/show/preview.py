@@ -610,7 +610,6 @@ def render_closeup(
     *,
     size: tuple[int, int] = (800, 1000),
     samples: int = 48,
-    progress: Progress | None = None,
 ) -> None:
     """Render one of ``SHOTS`` of a tree to a PNG file.
 
@@ -653,7 +652,7 @@ def render_closeup(
     data.dof.use_dof, data.dof.aperture_fstop = True, view.stop
     data.dof.focus_distance = float(np.linalg.norm(view.target - view.eye))
     scene.objects[SUN].rotation_euler = Vector(view.sun).to_track_quat("Z", "Y").to_euler()
-    render(scene, spec.Output(preview_samples=samples), path, progress, exposure=1.0)
+    render(scene, spec.Output(preview_samples=samples), path, exposure=1.0)
 
 
 def _fork(species: spec.Species, tree: Tree) -> View:
