@@ -506,7 +506,7 @@ static inline double optics_bound(const struct bounding *by, double radius, doub
 static inline void piston_bounds(const struct bounding *by, int64_t some, const double *radius, const double *angle,
                                  double *bound)
 {
-    double across[BLOCK], x[BLOCK], lowest[BLOCK], highest[BLOCK];
+    double across[BLOCK], x[BLOCK] = {0.0}, lowest[BLOCK], highest[BLOCK];
     for (int64_t i = 0; i < some; i++) {
         double sine;
         turned_back(-angle[i] / TURN, bound + i, &sine);
