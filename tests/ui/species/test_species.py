@@ -276,7 +276,7 @@ def test_a_template_of_ours_is_imported(planting, own):
     icons = {choice[0]: choice[3] for choice in edit.choices(bpy.context.scene.forest_sensing)}
     assert icons[planted] != plain
     assert (made.anatomy.order == 1).sum() == len(ours.branches)
-    assert len(made.anatomy.foliage.bearer) == ours.leaf_count
+    assert len(made.anatomy.foliage.bearer) == sum(len(branch.leaves) for branch in ours.branches)
 
 
 @pytest.mark.parametrize(
