@@ -352,9 +352,8 @@ def _bent(
 
 def drag(shape: SwayShape, wind: np.ndarray, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """(B,) drag of members in N in winds (B,) m/s, and (B,) its slope in N s/m."""
-    leaf = (
-        AIR * 2 * DRAG * shape.leafy * scale**2
-    )  # of their one-sided area, half of which is ``leafy``
+    # Of leaves by their one-sided area, half of which is ``leafy``.
+    leaf = AIR * 2 * DRAG * shape.leafy * scale**2
     wood = 0.5 * AIR * WOOD_DRAG * shape.woody * scale**2
     fold = np.sqrt(1 + (wind / FOLDING) ** 2)
     force = wood * wind**2 + leaf * wind**2 / fold

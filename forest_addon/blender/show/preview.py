@@ -106,9 +106,8 @@ def set_stage(
     colours = WARM if golden else HAZE, (0.16, 0.38, 0.78)
     sky = graph.ramp(graph.axis(graph.place("Generated"), "Z"), colours, 0.0, 0.30)
     graph.add("OutputWorld", {"Surface": graph.value("Background", sky, 1.1)})
-    if hasattr(
-        world, "cycles"
-    ):  # a smooth sky is found by chance: aiming at it takes four times as long
+    # A smooth sky is found by chance: aiming at it takes four times as long.
+    if hasattr(world, "cycles"):
         world.cycles.sampling_method = "NONE"
     scene.world = world
 
