@@ -92,8 +92,8 @@ def sum_delayed(
 ) -> DelayedSum:
     """Σ_i A_i(f)·e^{-i2πfτ_i} at f = start + (0 … count - 1)·spacing, K = count values.
 
-    amplitude : called as amplitude(frequency (R,) Hz, rows (m,) int64) for A (R, m), real or complex,
-        of the echoes ``rows`` at any frequencies of the band; may be called more than once for a row.
+    amplitude : called as amplitude(frequency (R,) Hz, rows (m,) int64, ascending) for A (R, m), real or
+        complex, of the echoes ``rows`` at any frequencies of the band; may be called more than once for a row.
     delay : (M,) s, finite, of either sign.
     start, spacing : Hz, spacing larger than 0.
     tolerance : largest error of a value, relative to Σ_i max|A_i|; 0: the direct sum.
@@ -154,7 +154,7 @@ def _planned(
     drawn = np.cumsum(chance[order])
     draws = min(SAMPLES + len(loud) // 256, len(loud))
     places = (np.arange(draws) + 0.5) / draws * drawn[-1]
-    some = order[np.searchsorted(drawn, places).clip(0, len(loud) - 1)]
+    some = np.sort(order[np.searchsorted(drawn, places).clip(0, len(loud) - 1)])
     weight = 1.0 / (draws * chance[some])
     dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
     while True:

@@ -15,6 +15,9 @@ class RowTable:
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
+    def __len__(self) -> int:
+        return len(getattr(self, fields(self)[0].name))
+
     def select(self, rows: np.ndarray | slice) -> Self:
         """Rows of every column, by number, mask or slice."""
         if isinstance(rows, np.ndarray) and rows.dtype == bool:

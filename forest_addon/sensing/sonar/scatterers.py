@@ -55,7 +55,7 @@ class Strength(RowTable, ABC):
 
     def whole(self) -> StrengthParts:
         """Each as one part."""
-        count = len(self.reach(1.0))
+        count = len(self)
         return StrengthParts(np.arange(count), np.zeros(count), np.ones(count), self)
 
 
@@ -90,9 +90,6 @@ class Scatterers(RowTable, ABC):
     kind: ClassVar[str]
     centre: np.ndarray
     number: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.number)
 
     @property
     def clear(self) -> np.ndarray:

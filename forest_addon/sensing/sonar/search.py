@@ -27,7 +27,7 @@ from ...acoustics.disc_table import HANDOVER, STEPS
 from ...base.rows import RowTable
 from .calls import SAMPLED, Band
 from .leaves import ASIDE, CLOSEST, FAR, LeafEchoes, NearFaces, near_groups
-from .scatterers import Scatterers, Sight, StrengthParts
+from .scatterers import Scatterers, Sight
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
@@ -49,9 +49,6 @@ class SearchGroup(RowTable):
     bound: np.ndarray
     shade: np.ndarray
     motion: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.bound)
 
     @property
     def velocity(self) -> np.ndarray:
@@ -264,54 +261,60 @@ class _Finder:
 
 
 class EarAmplitudes:
-    """Amplitudes A of M echoes of a group at one ear: scattering times what beams, way, air and shade leave.
+    """Amplitudes A of a group's scatterers at one ear: scattering times what beams, way, air and shade leave.
 
-    whole : all of the group, as one part.
+    band : Hz, over which each comes in parts that are smooth; left out: as one part.
     """
 
-    def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
+    def __init__(
+        self, group: SearchGroup, station: Station, ear: int, band: tuple[float, ...] = ()
+    ) -> None:
         self._station, paths = station, group.paths
-        both, leg = [0, 1 + ear], paths.leg[:, ear]
-        self.length = paths.distance + leg
-        steepness, offset = station.steepness[both], paths.offset[:, both]
-        steady = np.einsum("med,med,ed->m", offset, offset, np.nan_to_num(steepness))
-        self._level = group.shade * np.exp(steady) / (paths.distance * leg)
-        beams = station.equipment.emit, station.equipment.hear(ear)
-        changing = np.flatnonzero(np.isnan(steepness).any(axis=1)).tolist()
-        self._beams = [beams[end] for end in changing]
-        terms = [beams[end].terms(*offset[:, end].T) for end in changing]
-        self._terms = np.concatenate([*terms, -self.length[None]])
-        strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
-        self.whole = strength.whole()
+        self._beams = station.equipment.emit, station.equipment.hear(ear)
+        leg, length = paths.leg[:, ear], paths.length[:, ear]
+        both = zip(self._beams, (0, 1 + ear), strict=True)
+        terms = [beam.terms(*paths.offset[:, end].T) for beam, end in both]
+        self._terms = np.concatenate([*terms, -length[None]])
+        self._level = group.shade / (paths.distance * leg)
+        self._strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
+        ends = (2.0 * np.pi * frequency / station.sound_speed for frequency in band)
+        self._parts = self._strength.parts(*ends) if band else self._strength.whole()
+        self.rows = self._parts.rows
+        self.delay = (length[self.rows] + self._parts.offset) / station.sound_speed
+        self.loudness = (group.bound * group.shade)[self.rows] * self._parts.share
 
     def _basis(self, frequency: np.ndarray) -> np.ndarray:
         beams = [beam.basis(frequency) for beam in self._beams]
         return np.concatenate([*beams, self._station.loss(frequency)[None]])
 
-    def gain(self, frequency: np.ndarray) -> np.ndarray:
+    def _gain(self, frequency: np.ndarray) -> np.ndarray:
         """(Q, M) of all."""
         return np.exp(np.einsum("dq,dm->qm", self._basis(frequency), self._terms)) * self._level
 
-    def of(self, parts: StrengthParts, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """(Q, m) complex A of some rows of parts at frequencies (Q,)."""
+    def of(self, frequency: np.ndarray, some: np.ndarray) -> np.ndarray:
+        """(Q, m) complex A of some parts (m,) at frequencies (Q,)."""
         wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
-        amplitude = parts.strength.select(rows).amplitude(wavenumber)
-        some = parts.rows.take(rows)
-        basis = self._basis(frequency)
+        amplitude = self._parts.strength.select(some).amplitude(wavenumber)
+        rows, basis = self.rows.take(some), self._basis(frequency)
         library = kernels.library()
         if library is None:
-            return amplitude * self.gain(frequency)[:, some]
+            return amplitude * self._gain(frequency)[:, rows]
         given = len(self._level), self._level, *basis.shape[:1], basis, self._terms, amplitude
-        library.weigh_echoes(*amplitude.shape, some, *given)
+        library.weigh_echoes(*amplitude.shape, rows, *given)
         return amplitude
 
-    def reach(self, parts: StrengthParts, band: tuple[float, float]) -> np.ndarray:
+    def error(self, band: tuple[float, float]) -> float:
+        """Sum of what A may be off by because scattering is tabulated, up to the end of a band."""
+        off = self._strength.error(2.0 * np.pi * band[1] / self._station.sound_speed)
+        return 0.0 if off is None else float(self._gain(np.array(band[:1]))[0] @ off)
+
+    def reach(self, band: tuple[float, float]) -> np.ndarray:
         """(m,) s, about how far responses of parts reach, with what their gains change over a band."""
         basis = np.diff(self._basis(np.array(band)), axis=1)[:, 0]
         change = np.einsum("d,dm->m", basis, self._terms)
         width, speed = max(band[1] - band[0], 1e-9), self._station.sound_speed
-        own = parts.strength.reach(2.0 * np.pi * band[0] / speed) / speed
-        return np.asarray(own + np.abs(change[parts.rows]) / (2.0 * np.pi * width))
+        own = self._parts.strength.reach(2.0 * np.pi * band[0] / speed) / speed
+        return np.asarray(own + np.abs(change[self.rows]) / (2.0 * np.pi * width))
 
 
 def mean_amplitude(
@@ -320,7 +323,7 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     heard = EarAmplitudes(group, station, 0)
-    return np.asarray(weight @ np.abs(heard.of(heard.whole, frequency, np.arange(len(group)))))
+    return np.asarray(weight @ np.abs(heard.of(frequency, heard.rows)))
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
