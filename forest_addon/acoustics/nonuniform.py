@@ -93,7 +93,7 @@ def sum_delayed(
     """Σ_i A_i(f)·e^{-i2πfτ_i} at f = start + (0 … count - 1)·spacing, K = count values.
 
     amplitude : called as amplitude(frequency (R,) Hz, rows (m,) int64, ascending) for A (R, m), real or
-        complex, of the echoes ``rows`` at any frequencies of the band; may be called more than once for a row.
+        complex, of the echoes ``rows`` at any frequencies of the band; maybe more than once for a row.
     delay : (M,) s, finite, of either sign.
     start, spacing : Hz, spacing larger than 0.
     tolerance : largest error of a value, relative to Σ_i max|A_i|; 0: the direct sum.

@@ -268,9 +268,8 @@ class LeafEchoes(Scatterers):
         return int(np.count_nonzero(self.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
 
     def count_doubtful(self, point: np.ndarray, wavenumber: float) -> int:
-        large = wavenumber * self.radius > HANDOVER
-        grazing = self.incidence(point) > GRAZING
-        return int(np.count_nonzero(large & grazing)) if self.model == "exact" else 0
+        large = self.select((wavenumber * self.radius > HANDOVER) & (self.model == "exact"))
+        return int(np.count_nonzero(large.incidence(point) > GRAZING))
 
     def seen(self, point: np.ndarray) -> Strength:
         return DiscStrength(self.radius, self.incidence(point), self.nearness, self.model)

@@ -271,7 +271,8 @@ class EarAmplitudes:
     ) -> None:
         self._station, paths = station, group.paths
         self._beams = station.equipment.emit, station.equipment.hear(ear)
-        leg, length = paths.leg[:, ear], paths.length[:, ear]
+        leg = paths.leg[:, ear]
+        length = paths.distance + leg
         both = zip(self._beams, (0, 1 + ear), strict=True)
         terms = [beam.terms(*paths.offset[:, end].T) for beam, end in both]
         self._terms = np.concatenate([*terms, -length[None]])

@@ -109,8 +109,7 @@ def _over(
             tolerance=tolerance,
             reach=np.concatenate([one.reach(band) for one in heard]),
             loudness=np.concatenate([one.loudness for one in heard]),
-            weights=weights
-            and np.concatenate([w[one.rows] for w, one in zip(weights, heard, strict=True)]),
+            weights=_taken(weights, heard),
             ends=band,
         )
         spectrum[ear], size[ear], bound[ear] = delayed.spectrum, delayed.size, delayed.error
@@ -121,13 +120,24 @@ def _over(
     return EchoSum(spectrum, float(bound.max()), float(table.max()), size)
 
 
+def _taken(weights: list[np.ndarray] | None, heard: list[EarAmplitudes]) -> np.ndarray | None:
+    """Weights of scatterers by group, as their parts have them one after the other."""
+    if weights is None:
+        return None
+    return np.concatenate([w[one.rows] for w, one in zip(weights, heard, strict=True)])
+
+
 def _together(
     heard: list[EarAmplitudes], first: np.ndarray, frequency: np.ndarray, rows: np.ndarray
 ) -> np.ndarray:
     """(Q, m) complex A of rows (m,), ascending, of several groups' parts one after the other, each from its
     first row on."""
-    each = zip(heard, first, np.split(rows, np.searchsorted(rows, first[1:-1])), strict=False)
-    some = [one.of(frequency, part - begin) for one, begin, part in each if len(part)]
+    ends = pairwise(np.searchsorted(rows, first).tolist())
+    some = [
+        one.of(frequency, rows[low:high] - begin)
+        for one, begin, (low, high) in zip(heard, first.tolist(), ends, strict=False)
+        if high > low
+    ]
     return some[0] if len(some) == 1 else np.concatenate(some, axis=1)
 
 
