@@ -16,7 +16,6 @@ except ImportError:  # Windows: each process makes its own
 # most of its time waiting for its threads (7 times the CPU was measured). Before numpy is loaded; the
 # processes that tests start inherit it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("FOREST_SENSING_CACHE", "off")  # tests leave nothing with the user
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -159,6 +158,7 @@ def pytest_configure(config):
     os.environ.setdefault("MPLCONFIGDIR", str(home / "matplotlib"))
     os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", str(home / "zig"))
     os.environ["XDG_CACHE_HOME"] = config.stash[_cache] = tempfile.mkdtemp(prefix="cache-")
+    os.environ.setdefault("FOREST_SENSING_CACHE", config.stash[_cache])
 
 
 def pytest_sessionfinish(session, exitstatus):

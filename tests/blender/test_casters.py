@@ -115,10 +115,10 @@ def random_rays(count, seed=0, far=0.0):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("count", [1, 3, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [1, 40])
 def test_equals_brute_force_on_random_rays(engine, count):
     scene = forest(count)
-    rays = 40_000 // (count + 10)
+    rays = 12_000 // (count + 10)
     origins, directions = random_rays(rays)
     aimed = scene.transform[np.arange(rays) % count, :, 3] + stream(5, "aim").normal(
         0, 1, (rays, 3)
@@ -150,8 +150,8 @@ def test_utm_offset_loses_nothing(engine):
 @pytest.mark.slow
 @pytest.mark.parametrize("far", [0.0, 5e5])
 def test_no_leak_through_edges_and_vertices_of_a_closed_mesh(engine, far):
-    """Within a closed crumpled sphere, 300,000 rays for each engine, each fifth at a vertex."""
-    rays = 150_000
+    """Within a closed crumpled sphere, 120,000 rays for each engine, each fifth at a vertex."""
+    rays = 60_000
     rng = stream(3, "edges")
     sphere = crumpled_sphere()
     linear = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag([2.0, 3.0, 1.0])
@@ -164,7 +164,7 @@ def test_no_leak_through_edges_and_vertices_of_a_closed_mesh(engine, far):
     origins = scene.transform[0, :, 3] + rng.uniform(-0.05, 0.05, (rays, 3))
     hits = engine(scene).cast(origins, target - origins)
     # A robust Embree is tight at edges, and all but tight at vertices.
-    lost_vertices = 5e-5 if engine is EmbreeCaster else 0.0
+    lost_vertices = 1e-4 if engine is EmbreeCaster else 0.0
     assert hits.found[~at_vertex].all()
     assert (~hits.found[at_vertex]).mean() <= lost_vertices
     aimed = np.linalg.norm(target - origins, axis=1)
@@ -337,12 +337,12 @@ def test_impossible_limits_hit_nothing(engine, bad):
 def test_chained_rays_pass_every_surface_once(engine):
     """Along one line through a forest: what brute force finds one behind the other."""
     scene = forest(12)
-    origins, _ = random_rays(300, seed=4)
-    target = scene.transform[np.arange(300) % 12, :, 3] + stream(6, "aim").normal(0, 1, (300, 3))
+    origins, _ = random_rays(200, seed=4)
+    target = scene.transform[np.arange(200) % 12, :, 3] + stream(6, "aim").normal(0, 1, (200, 3))
     directions = target - origins
     caster, brute = engine(scene), BruteCaster(scene)
     ours, exact = caster.cast(origins, directions), brute.cast(origins, directions)
-    for _ in range(6):
+    for _ in range(4):
         same = (ours.instance == exact.instance) & (ours.triangle == exact.triangle)
         assert same.mean() > 0.995  # what float32 sees otherwise at edges adds up
         both = same & exact.found
@@ -438,10 +438,10 @@ def test_a_ground_among_many_instances(engine):
     plane = TriMesh.of_part(BOX * [400, 400, 0.1] - [200, 200, 0.1], BOX_FACES, OTHER)
     poses = [pose(), *(pose(shift=(*xy, 0)) for xy in rng.uniform(-190, 190, (300, 2)))]
     scene = scene_of([plane, box()], poses, [0, *[1] * 300])
-    xy = rng.uniform(-195, 195, (3000, 2))
+    xy = rng.uniform(-195, 195, (900, 2))
     xy[:300] = scene.transform[1:, :2, 3] + 0.5
-    origins = np.column_stack([xy, np.full(3000, 50.0)])
-    down = np.tile([0, 0, -1.0], (3000, 1))
+    origins = np.column_stack([xy, np.full(900, 50.0)])
+    down = np.tile([0, 0, -1.0], (900, 1))
     ours, exact = engine(scene).cast(origins, down), BruteCaster(scene).cast(origins, down)
     assert exact.distance.min() == 49
     assert (np.abs(ours.distance - exact.distance) < 1e-9).all()

@@ -32,7 +32,7 @@ from forest_addon.spec import (
 )
 from forest_addon.stand.forest import TreesBeforeFall, tree_table
 
-KINDS = ("norway-maple", "silver-birch", "scots-pine", "norway-spruce")  # leaves, shoots, tufts
+KINDS = ("norway-maple", "scots-pine", "norway-spruce")  # leaves, tufts, shoots
 TREE = Wanted(0.12, 9.0, 2.8, 3.0, 22.0)
 WAYS = np.array([[0, 0, 1], [1, 0, 0.1], [0, 1, 0.3], [0.6, -0.5, 0.6], [-0.7, -0.3, 0.25]])
 GROWN = TreesBeforeFall()  # no tree grows twice

@@ -25,7 +25,7 @@ from headless.cli import main
 SPECIES = "fern", "hazelnut"
 POSE = Matrix.LocRotScale((3.0, -2.0, 0.4), Euler((0.2, -0.1, 1.1)), (1.3, 1.3, 1.3))
 BENT = Matrix.LocRotScale((-3.0, 1.0, 0.0), Euler((0.0, 0.0, 0.3)), (1.0, 0.8, 1.4))
-TRIPOD = api.Terrestrial(position=(0.0, 0.0, 1.0), angle_step_deg=1.0, elevation_deg=(-45.0, 45.0))
+TRIPOD = api.Terrestrial(position=(0.0, 0.0, 1.0), angle_step_deg=2.0, elevation_deg=(-45.0, 45.0))
 BAT = api.Sonar(position=(0.0, 0.0, 1.0), beam="omni", max_range=8.0, cull=0.0)
 
 
@@ -86,7 +86,7 @@ def test_a_tree_of_a_library_is_seen_as_the_tree_that_it_is(
     direct(tree, POSE, 0)
     ours = api.current()
     cloud, echo = ours.scan(TRIPOD), ours.ping(BAT).pings[0]
-    assert len(cloud) > 500
+    assert len(cloud) > 100
 
     empty_blender.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     block = bring(library / "hazelnut.blend", kind, f"Hazelnut {variant + 1}", link)

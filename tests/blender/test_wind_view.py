@@ -31,7 +31,7 @@ STAND = forest.Scene(
 )
 SCAN = forest.Terrestrial(
     position=(0, 0, 1.5),
-    angle_step_deg=3.0,
+    angle_step_deg=6.0,
     elevation_deg=(-10, 60),
     pulse_rate=3000.0,
     max_range=60.0,

@@ -23,7 +23,7 @@ SCENE = """
 [forest]
 size = [10, 10]
 [[plantings]]
-species = "hazelnut"
+species = "whorl-8"
 variants = 1
 expected = 1
 exact = true
@@ -31,7 +31,7 @@ exact = true
 kind = "terrestrial"
 name = "cloud"
 position = [5, 5, 1.6]
-angle_step_deg = 6
+angle_step_deg = 12
 [[sensors]]
 kind = "sonar"
 name = "echo"
@@ -46,7 +46,7 @@ name = "reverb"
 source = [1, 5, 0.5]
 receiver = [9, 5, 0.5]
 sample_rate = 4000
-duration = 0.1
+duration = 0.05
 [output]
 blend = false
 glb = false

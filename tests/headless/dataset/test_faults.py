@@ -153,7 +153,8 @@ def test_a_full_disk_ends_the_command_and_keeps_what_is_done(tmp_path):
     def little():
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
-    ended = run(PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", preexec_fn=little)
+    words = (PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", "--set", "count=1")
+    ended = run(*words, preexec_fn=little)
     assert ended.returncode == 1
     assert "what is finished is kept" in ended.stderr
     assert "Traceback" not in ended.stderr
