@@ -52,7 +52,7 @@ BAT = Sonar(
     name="bat",
     position=(6, -2, 2),
     azimuth_deg=90,
-    max_range=5.0,
+    max_range=4.0,
     call="fm",
     tolerance=1e-6,
     cull=0.0,
@@ -65,9 +65,9 @@ EAR = BAT.changed(
 )
 CLAP = Reverb(
     name="clap", source=(2, 2, 1.5), receiver=(9, 9, 1.5), sample_rate=16000, tolerance=1e-3,
-    duration=0.3, continue_to=60.0, model="paper",
+    duration=0.2, continue_to=40.0, model="paper",
 )  # fmt: skip
-STAND = CLAP.changed(name="stand", model="forest", continue_to=30.0)
+STAND = CLAP.changed(name="stand", model="forest", continue_to=20.0)
 SENSORS = {each.name: each for each in (TRIPOD, WAVES, ROWS, BAT, EAR, CLAP, STAND)}
 SEEDS = 3
 

@@ -145,6 +145,7 @@ SMALLER = (
     (r"\bangle_step_deg=(0\.5|1\.0)", "angle_step_deg=2.0"),
     (r"(position=\(14\.5, 14\.5, 1\.6\))", r"\1, angle_step_deg=2.0"),
     (r"\barange\(-40, 41, 5\.0\)", "arange(-40, 41, 40.0)"),
+    (r"\bmax_range=6\.0, cull=0\.01\b", "max_range=3.0, cull=0.1"),
     (r"(dataset (tiny|hazels\.toml)) ", r"\1 --workers 1 "),
     (
         r"dataset tiny ",
@@ -174,6 +175,7 @@ SMALLER = (
     (r"\bsize = 30\.0", "size = 14.0"),
     (r"\bmost=20_000\b", "most=2_000"),
     (r"\(-15, 10\), angle_step_deg=0\.3", "(-15, 10), angle_step_deg=1.0"),
+    (r"\belevation_deg=\(-50, 85\)", "elevation_deg=(-30, 40)"),
     (
         r"angle_step_deg=0\.3, elevation_deg=\(-10, 80\)",
         "angle_step_deg=1.0, elevation_deg=(-10, 80)",

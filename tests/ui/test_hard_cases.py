@@ -473,7 +473,7 @@ SITUATIONS = [
     *(after_undo_and_redo, in_local_view),
 ]
 
-SHARES = 5  # of the operators, one of which a situation meets
+SHARES = 7  # of the operators, one of which a situation meets
 
 
 @pytest.mark.slow
