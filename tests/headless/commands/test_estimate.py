@@ -206,8 +206,11 @@ def test_measures_of_the_map_are_those_of_the_scene(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_command(headless, site, tmp_path):
-    words = ["estimate", site, "--out", tmp_path / "s.toml", "--species", "pine=spruce"]
+def test_the_command(headless, tmp_path):
+    rows = [f"{k},{(7 * k) % 9},pine" for k in range(20)]
+    (tmp_path / "site.csv").write_text("\n".join(["x,y,species", *rows, ""]))
+    words = ["estimate", tmp_path / "site.csv", "--out", tmp_path / "s.toml"]
+    words += ["--species", "pine=spruce"]
     ended = headless(*words)
     assert ended.returncode == 0, ended.stderr
     assert "Next: python -m headless run" in ended.stdout
