@@ -214,6 +214,24 @@ def test_damping_grows_with_the_wind():
     assert INTERNAL < found[0] < found[1] < found[2]
 
 
+def test_damping_is_that_of_wood_and_of_the_air_that_a_mode_moves():
+    """Over the critical one: 0.02 of wood and roots, and what the drag rises by with the mode's own speed, in
+    the wind, across it and upright, as in finite differences of the drag by hand."""
+    shape = tree(modes=1)
+    field = WindField.drawn(Wind(speed=3.0), 15.0, LEAVES, 2)
+    answer = response_of(shape, field, np.zeros(3), 0.0)
+    points, modes = shape.at_members()
+    speed, way = field.mean(points[:, 2]), np.append(field.along, 0.0)
+    step = 1e-4
+    faster, slower = (drag(shape, speed + d)[0] for d in (step, -step))
+    along = (modes[:, 0] @ way) ** 2
+    across = (modes[:, 0] ** 2).sum(axis=1) - along
+    lost = along @ ((faster - slower) / (2 * step)) + across @ (drag(shape, speed)[0] / speed)
+    assert answer.damping[0] == pytest.approx(
+        0.02 + lost / (4 * np.pi * answer.frequency[0]), rel=0.01
+    )
+
+
 def test_a_larger_tree_sways_slower_and_a_turned_one_the_same():
     shape = tree()
     field = WindField.drawn(BREEZE, 15.0, LEAVES, 2)
