@@ -237,8 +237,9 @@ def test_a_diameter_drawn_for_a_height_has_it_within_the_band_of_its_kind(name, 
 
 @pytest.mark.parametrize(("name", "known"), [("picea-abies", (0, 1)), ("fagus", (1, 3))])
 def test_a_diameter_knows_that_two_sizes_of_a_tree_are_correlated(name, known):
-    """Diameters drawn for two sizes vary as those of trees, drawn by diameter, that happen to have both within
-    8 %. As if sizes were independent they would vary by 1.19 and 0.86 times as much."""
+    """Diameters drawn for two sizes vary as those of trees, drawn by diameter, that happen to have both.
+
+    Within 8 %. If sizes were independent, diameters would vary by 1.19 and 0.86 times as much."""
     kind, rng = read_allometry(name, Path()), stream(6, "two sizes", name)
     dbh = np.exp(rng.uniform(np.log(0.08), np.log(0.9), 200_000))
     trees = draw(kind, dbh, np.full((len(dbh), 4), NOTHING), rng.random((len(dbh), 4)))
