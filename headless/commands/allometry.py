@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import ks_2samp
 
 from forest_addon.base.rng import child_keys, stream
+from forest_addon.formats.ownership import claim
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.draw import draw_inclination
 from forest_addon.growth.library import file_stem, find_species, load_species, read_measured
@@ -39,11 +40,13 @@ def run(chosen: argparse.Namespace) -> None:
     if chosen.action == "fit":
         table = Path(chosen.what)
         measured = read_measured(table)
+        kinds = chosen.kind or KINDS
+        claim(*(chosen.out / f"{file_stem(kind)}.toml" for kind in kinds))
         chosen.out.mkdir(parents=True, exist_ok=True)
         print(
             f"{'kind':22} {'trees':>17}  90 % at its middle diameter: height m, width m, base m, leaves m²"
         )
-        for kind in chosen.kind or KINDS:
+        for kind in kinds:
             fitted = fit_kind(kind, measured, chosen.source or table.name)
             write_settings(chosen.out / f"{file_stem(kind)}.toml", fitted)
             trees = "/".join(str(getattr(fitted, name).trees) for name in MEASURES)
@@ -53,7 +56,7 @@ def run(chosen: argparse.Namespace) -> None:
             lent = {getattr(fitted, name).of for name in MEASURES} - {""}
             note = f" (with {', '.join(sorted(lent))})" if lent else ""
             print(f"{kind:22} {trees:>17}  {dbh:.2f} m: {spans}{note}")
-        print(f"Done: {len(chosen.kind or KINDS)} files in {chosen.out}")
+        print(f"Done: {len(kinds)} files in {chosen.out}")
     else:
         check_species(chosen.what, chosen.trees)
 

@@ -14,6 +14,7 @@ from forest_addon.base.progress import Say
 from forest_addon.blender.scene.assets import FILE, grow_exhibits, write_species
 from forest_addon.drawing.figures import save_figure
 from forest_addon.drawing.palette import INK, PAPER
+from forest_addon.formats.ownership import claim
 from forest_addon.growth.library import find_species, load_species, presets
 
 from ..command import refuse_beyond
@@ -46,6 +47,7 @@ def make_library(
     """
 
     refuse_beyond("--variants", variants, 1, MOST)
+    claim(out / FILE, *([sheet] if sheet else []))
     loaded = [load_species(find_species(name, Path())) for name in names or presets("species")]
     say(f"{'species':<20}{'trees':>6}{'height':>14}{'DBH':>16}{'leaves':>20}{'file':>10}")
     files = []

@@ -14,6 +14,7 @@ from forest_addon.api import Site, World
 from forest_addon.base.progress import Say
 from forest_addon.drawing.figures import blank_figure, save_figure
 from forest_addon.drawing.palette import BARK, LEAF_GREEN, SKY, SOIL
+from forest_addon.formats.ownership import claim
 from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.sensing.canopy import Canopy
 from forest_addon.spec import Scene, SpecError
@@ -52,6 +53,7 @@ def look_up_in(
     settings = read_scene(scene, seed)
     folder = scene.resolve().parent
     refuse_beyond("--grid", grid, 1, MOST)
+    claim(*(out / file for file in ("gaps.csv", "hemispheres.npz", "hemispheres.png")))
     places = [_point(text) for text in at] or _grid(settings, grid)
     site = Site.of(settings, folder)
     # (N, 3) places, those without a height so high above the ground

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.ownership import claim
 from forest_addon.formats.raster_file import GeoRaster, read_raster
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.formats.tree_map import read_rings, read_tree_map
@@ -71,6 +72,7 @@ def run(chosen: argparse.Namespace) -> None:
 WIDEST = 100.0  # metres of a field on a terrain without a map of trees
 FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
 FEW = 5  # trees with both measures that move a law of heights
+PICTURE = "-estimate.png"  # after the scene's name
 HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
 
 
@@ -124,6 +126,9 @@ def estimate_site(
             f"{others}; leave it out, or widen --window",
         )
     kinds = species_of_map(np.unique(trees.species).tolist(), species, out.parent)
+    ends = ("-allometry.toml", ".npy") if method == "kernel" else ("-allometry.toml",)
+    own = [f"-{_plain(name or kind)}{end}" for name, kind in kinds.items() for end in ends]
+    claim(out, *(out.with_name(out.stem + end) for end in (PICTURE, *own)))
     offset = np.floor(frame.low) if np.abs(frame.high).max() > FAR else np.zeros(2)
     frame = Window(tuple(ring - offset for ring in frame.rings))
     field = _field(frame)
@@ -165,11 +170,10 @@ def estimate_site(
         from forest_addon.drawing.figures import save_figure
         from forest_addon.drawing.stands import draw_site
 
-        picture = out.with_name(f"{out.stem}-estimate.png")
         written.append(
             save_figure(
                 draw_site([(g.name, g.points, g.estimate.at, g.goodness) for g in grown], frame),
-                picture,
+                out.with_name(out.stem + PICTURE),
             ).name
         )
     else:

@@ -10,8 +10,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from forest_addon.base.places import file_name
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
+from forest_addon.formats.ownership import claim
 from forest_addon.growth.library import find_species, load_species, presets
 from forest_addon.growth.measured.allometry import Kind, typical_tree
 from forest_addon.growth.tree import Tree, grow
@@ -78,6 +80,8 @@ def show_species(
         raise SpecError(asked, without("cannot be drawn here"))
     from ..report.trees import draw_pictures, draw_sheet
 
+    files = [pictures / f"{file_name(species.name)}.jpg" for species, _ in grown if pictures]
+    claim(*files, *([sheet] if sheet else []))
     if sheet:
         draw_sheet(grown, sheet, pixels)
         say(f"Wrote {sheet}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import time
 
+from forest_addon.formats.ownership import claim
 from forest_addon.results.coordinates import FILE, note_of, write_note
 from forest_addon.results.tables import write_stand
 from forest_addon.site import ForestSite, check_species
@@ -25,7 +26,8 @@ from ..report import can_draw, without
 def run(chosen: argparse.Namespace) -> None:
     """Sample the stand."""
     settings = read_scene(chosen.scene, chosen.seed)
-    folder = chosen.scene.resolve().parent
+    folder, picture = chosen.scene.resolve().parent, chosen.out.with_suffix(".png")
+    claim(chosen.out, picture)
     check_species(settings, folder)
     site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))  # no tree is grown
     started = time.perf_counter()
@@ -72,7 +74,7 @@ def run(chosen: argparse.Namespace) -> None:
         print(without("The map is plain"))
     from ..report.page import draw_stand
 
-    picture = draw_stand(stand, names, settings, site.inputs, chosen.out.with_suffix(".png"))
+    picture = draw_stand(stand, names, settings, site.inputs, picture)
     print(f"\nSampled in {took:.2f} s. Wrote {chosen.out} and {picture}")
     note = note_of(settings.offset, settings.crs)
     if note:

@@ -15,6 +15,7 @@ from pathlib import Path
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.formats.helios.parts import lost_materials
+from forest_addon.formats.ownership import claim
 from forest_addon.growth.library import (
     Brought,
     Library,
@@ -70,6 +71,7 @@ def make_template(
 
     if siblings and not 3 <= siblings <= 1000:
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
+    claim(*(out / file for file in ("recognised.png", "siblings.png")))
     try:
         brought = replace(brought, groups=_groups(brought.wood, brought.leaves))
         for file in filter(None, (brought.wood, brought.leaves)):

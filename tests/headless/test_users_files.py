@@ -183,9 +183,42 @@ def test_a_folder_full_of_a_users_files(run, tmp_path, name):
     assert files(tmp_path / "here") == read
 
 
+LAST = {
+    "stand": "t.png",
+    "estimate": "site-estimate.png",
+    "canopy": "hemispheres.png",
+    "export": "scene.json",
+    "assets": "sheet.png",
+    "template": "siblings.png",
+}
+
+
+@pytest.mark.parametrize("name", LAST)
+@pytest.mark.parametrize("kind", ["a file", "a folder", "a link"])
+def test_nothing_is_written_where_the_last_of_all_files_cannot_be(run, tmp_path, name, kind):
+    out, place = tmp_path / "out", tmp_path / "out" / LAST[name]
+    out.mkdir()
+    (tmp_path / "mine").write_text("mine")
+    if kind == "a file":
+        place.write_text("mine")
+    elif kind == "a folder":
+        place.mkdir()
+    else:
+        place.symlink_to(tmp_path / "mine")
+    done = run(name, out)
+    assert done.returncode == 2
+    why = "is a folder; choose" if kind == "a folder" else "is not what Forest Sensing wrote there"
+    assert f"{place}: {why}" in done.stderr
+    assert list(out.iterdir()) == [place]
+    if kind == "a folder":
+        assert run(name, out, "--force").returncode == 2
+        assert list(out.iterdir()) == [place]
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
 @pytest.mark.medium
 def test_this_test_notices_a_rule_that_is_broken(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(atomic, "claim", lambda *paths, ours=False: None)
+    monkeypatch.setattr(Keeper, "claim", lambda *_: None)
     users = put(tmp_path / "theirs", ["t.csv"])
     assert run("stand", tmp_path / "theirs").returncode == 0
     assert not users.items() <= files(tmp_path / "theirs").items()

@@ -23,6 +23,7 @@ from ...formats.helios.writing import (
     write_materials,
     write_obj,
 )
+from ...formats.ownership import claim
 from ...sensing.lidar.surveys.export import SCENES, write_survey
 from ...sensing.rays.geometry import SceneGeometry, apply_transform
 from ...sensing.trajectory import Trajectory
@@ -51,6 +52,9 @@ def export_for_others(
     """
     if not len(geometry):
         raise SpecError(scene.name, "has nothing to export: nothing in it has faces")
+    surveys = (f"data/surveys/{scene.name}-{sensor.name}.xml" for sensor in scene.sensors)
+    whole = ("scene.json", "forest.glb", "scene.blend", f"{SCENES}/{scene.name}.xml")
+    claim(*(folder / file for file in (*whole, *surveys)))
     surfaces = next((s.surfaces for s in scene.sensors if isinstance(s, Scanner)), Surfaces())
     placed, unsaid = write_parts(geometry, folder, scene.name, surfaces)
     for sentence in unsaid:
