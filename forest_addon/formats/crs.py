@@ -137,18 +137,39 @@ def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]
         authority, metres = known.to_authority(), metres_of(source)[0]
         return place * metres, ":".join(authority) if authority and metres == 1 else ""
     change = pyproj.Transformer.from_crs(known, _known(target), always_xy=True)
-    area = _known(target).area_of_use
-    if known.is_geographic and area is not None and len(place):
-        wide = ((area.east - area.west) % 360.0 or 360.0) + 2 * AWAY
-        if (
-            east - area.west + AWAY
-        ) % 360.0 > wide or not area.south - AWAY < north < area.north + AWAY:
-            raise SpecError(
-                "crs",
-                f"coordinates of {east:.3g} degrees east and {north:.3g} north are far from where {target} "
-                "is used; exchange them if they are latitude and longitude, or name another system",
-            )
+    if known.is_geographic:
+        refuse_far(target, place, in_degrees=True)
     return metres_of(target)[0] * np.array(change.transform(*place.T)).T, target
+
+
+def refuse_far(crs: str, place: np.ndarray, in_degrees: bool = False) -> None:
+    """Refuse places (N, 2), in metres of a system or in degrees, whose middle is far from where it is used.
+
+    Raises
+    ------
+    SpecError : says where they are.
+    """
+    if not can_tell_crs() or not len(place):
+        return
+    import pyproj
+
+    known = _known(crs)
+    area, (x, y) = known.area_of_use, place.mean(axis=0)
+    east, north = x, y
+    if not in_degrees:
+        change = pyproj.Transformer.from_crs(known, "EPSG:4326", always_xy=True)
+        east, north = change.transform(*(np.array([x, y]) / metres_of(crs)[0]))
+    if area is None:
+        return
+    wide = ((area.east - area.west) % 360.0 or 360.0) + 2 * AWAY
+    near = np.isfinite([east, north]).all() and (east - area.west + AWAY) % 360.0 <= wide
+    if not near or not area.south - AWAY < north < area.north + AWAY:
+        names = "latitude and longitude" if in_degrees else "north and east"
+        raise SpecError(
+            "crs",
+            f"coordinates of {x:,.7g} east and {y:,.7g} north are far from where {crs} is used; exchange "
+            f"them if they are {names}, or name another system",
+        )
 
 
 def _known(crs: str) -> Any:

@@ -32,7 +32,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ..spec import SpecError
-from .crs import moved
+from .crs import moved, refuse_far
 from .foreign import guarded, library
 from .table import unquoted
 
@@ -41,35 +41,45 @@ PLACES = (  # names of x and y, the first pair that a table has
     *("east north", "gx gy", "px py", "pointx pointy", "xcoord ycoord", "coordx coordy"),
     *("xkoordinate ykoordinate", "koordinatex koordinatey", "xkoord ykoord"),
     *("rechtswert hochwert", "ostwert nordwert", "xl93 yl93", "xlambert93 ylambert93", "est nord"),
+    *("ost nord", "este norte", "leste norte", "coordenadax coordenaday", "eastings northings"),
+    *("longitud latitud", "longitudine latitudine", "utmeast utmnorth"),
     *("rechts hoch", "gausskrugerrechts gausskrugerhoch", "gkrechts gkhoch"),
     *("e n", "longitude latitude", "lon lat", "long lat", "lng lat"),
     *("decimallongitude decimallatitude", "longitudedeg latitudedeg", "londeg latdeg"),
 )
 COLUMNS = {
     "species": "species kind planting sp spp spcode speciescode scientificname taxonid treespecies "
-    "commonname baumart artname art spcd espar essence espece",
+    "commonname baumart artname art spcd espar essence espece especie specie tradslag puulaji "
+    "boomsoort gatunek drevina порода 树种 樹種",
     "ring": "ring part",
     "status": "status treestatus plantstatus dfstatus statuscd zustand etat dead tot mort "
-    "alive live lebend vivant",
+    "alive live lebend vivant estado stato situacao tillstand stan muerto morto vivo dod dood",
+    "zone": "utmzone zoneutm",
     "plot": "plot plotid subplot subp",
     "census": "census year invyr measyear jahr annee aufnahmejahr",
     "scale": "scale",
     "rotation": "rotation turn",
     "dbh": "dbh bhd d13 d130 dhp dap stemdiameter dia diam diameter durchmesser diametre "
-    "brusthohendurchmesser brusthoehendurchmesser diameterbreastheight",
-    "girth": "gbh cbh girth circumference c13 c130 umfang circonference",
-    "height": "height h ht hoehe hohe baumhohe baumhoehe hauteur htot treeheight totalheight actualht",
+    "brusthohendurchmesser brusthoehendurchmesser diameterbreastheight diametro "
+    "brosthojdsdiameter lapimitta piersnica vycetnitloustka диаметр 胸径 胸高直径",
+    "girth": "gbh cbh girth circumference c13 c130 umfang circonference "
+    "circunferencia cap circonferenza omtrek omkrets obwod obvod",
+    "height": "height h ht hoehe hohe baumhohe baumhoehe hauteur htot treeheight totalheight actualht "
+    "altura altezza hojd pituus hoogte wysokosc vyska højde высота 树高 樹高",
     "crown_width": "crownwidth crowndiameter crowndiam maxcrowndiameter kronendurchmesser "
     "kronenbreite crownspread diametrehouppier",
+    "crown_radius": "crownradius crownrad kronenradius",
     "crown_area": "crownarea convhullarea kronenflache",
     "crown_base": "crownbase crownbaseheight basecrownheight heightcrownbase hcb kronenansatz "
     "kronenansatzhohe",
     "leaf_area": "leafarea blattflache",
-    "distance": "distance dist stemdistance horizontaldistance hdist entfernung distanz dpr",
-    "azimuth": "azimuth azimut stemazimuth azi az bearing azpr",
+    "distance": "distance dist stemdistance horizontaldistance hdist entfernung distanz dpr "
+    "distancia distanza afstand avstand odleglosc",
+    "azimuth": "azimuth azimut stemazimuth azi az bearing azpr acimut azymut",
 }
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254, "dm": 0.1}
 LENGTHS |= {"meters": 1.0, "metres": 1.0, "feet": 0.3048, "inches": 0.0254}
+LENGTHS |= {"м": 1.0, "см": 0.01, "мм": 0.001}
 ANGLES = {"deg": math.pi / 180, "rad": 1.0, "gon": math.pi / 200, "degrees": math.pi / 180}
 AREAS = {"m2": 1.0, "sqm": 1.0, "ft2": 0.3048**2}
 UNITS = {  # of columns that are no lengths, the first without a word
@@ -82,37 +92,47 @@ UNITS = {  # of columns that are no lengths, the first without a word
 USUAL = {"dia": "in", "stemdiameter": "cm", "azpr": "gon"}  # of FIA, NEON and the French inventory
 FIA = {"ht": "ft", "actualht": "ft", "dist": "ft"}  # beside a column of FIA's own
 FIA_OWN = {"spcd", "statuscd"}
-TEXTS = ("species", "ring", "status", "plot", "census")
+TEXTS = ("species", "ring", "status", "plot", "census", "zone")
 NUMBERS = ("scale", "rotation", "dbh", "height", "crown_width", "crown_base", "leaf_area")
 ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
-GONE = (  # with letters of ForestGEO and numbers of FIA
-    *(
-        "dead",
-        "standing dead",
-        "snag",
-        "downed",
-        "removed",
-        "missing",
-        "lost",
-        "tot",
-        "abgestorben",
-    ),
-    *("dead standing", "dead fallen", "stump", "cut", "felled", "fallen", "harvested", "gefällt"),
-    *("mort", "morte", "d", "g", "m", "2", "3"),
+ABSENT += ("n.a.", "k.a.", "nd", "#n/a", "<na>", "?", "–", "—")
+NOTHING = (-999.0, -9999.0, -99999.0)  # the same in numbers
+GONE = (  # without accents; with letters of ForestGEO and numbers of FIA
+    "dead|standing dead|dead standing|dead fallen|snag|downed|removed|missing|lost|stump|cut|felled|"
+    "fallen|harvested|tot|stehend tot|liegend tot|totholz|abgestorben|gefallt|mort|morte|mort sur pied|"
+    "mort au sol|chablis|chandelle|souche|muerto|muerta|muerto en pie|tocon|morto|morta|morto in piedi|"
+    "dood|dode|dod|kuollut|martwe|martwy|martwa|d|g|m|2|3"
 )
-YES = ("1", "true", "t", "yes", "y", "ja", "oui", "wahr", "vrai", "x", "dead")
-NO = ("0", "false", "f", "no", "n", "nein", "non", "falsch", "faux", "dead")
-LIVING = ("alive", "live", "lebend", "vivant")
+YES = ("1", "true", "t", "yes", "y", "ja", "oui", "si", "sim", "wahr", "vrai", "x", "dead")
+NO = ("0", "false", "f", "no", "n", "nein", "non", "nao", "falsch", "faux", "dead")
+LIVING = (
+    "alive",
+    "live",
+    "lebend",
+    "vivant",
+    "vivante",
+    "vivo",
+    "viva",
+    "levend",
+    "levande",
+    "zywe",
+)
+SUMS = (  # how rows begin that are no trees
+    "total totals sum mean average median summe gesamt mittel mittelwert moyenne somme totale media promedio"
+)
 MOST = 500_000_000  # bytes of a table
 PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
 LIKE = 0.8  # of a column's name, beyond which it is a slip of the keyboard
 STEMS = 50  # rows at one place that may be one tree
+FEW = 4  # azimuths that do not lie in the first 6 degrees by chance
+FAR = 1e5  # m from the origin of a map
 CROWDED = 0.02  # m² a tree, below which numbers that may be degrees are degrees
 DEGREES = "EPSG:4326"
 NOTES = ("#", "sep=", "SEP=")  # how lines begin that hold no cells; the last are Excel's
 TITLES = 10  # rows above a header
 # By the mark in them: numbers with decimals, and those that are thousands where decimals have the other mark.
 DECIMAL = {mark: re.compile(rf"-?\d+[{mark}]\d+") for mark in ".,"}
+ROUNDED = re.compile(r"-?\d[.,](\d+)e\+0*(\d+)", re.IGNORECASE)  # 4.57E+05, as Excel saves it
 THOUSANDS = {mark: re.compile(rf"-?\d{{1,3}}[{mark}]\d{{3}}") for mark in ".,"}
 
 
@@ -174,6 +194,13 @@ class _Sheet:
                 continue
             with suppress(ValueError):
                 numbers[row] = float(told if "." in told else told.replace(",", ".", 1))
+            rounded = ROUNDED.fullmatch(told) if key in "xy" else None
+            if rounded and int(rounded[2]) > len(rounded[1]):
+                raise SpecError(
+                    str(self.path),
+                    f'row {self.rows[row][0]}: {key} is "{told}", which a spreadsheet has rounded; give its '
+                    "cells the format of a number, and save it again",
+                )
             unsure = any(THOUSANDS[mark].fullmatch(told) for mark in self.thousands)
             if unsure or not math.isfinite(numbers[row]):
                 why = "which may be thousands" if unsure else "not a finite number"
@@ -182,6 +209,7 @@ class _Sheet:
                     f'row {self.rows[row][0]}: {key} is "{told}", {why}; use one kind of decimals '
                     "throughout, without units and without marks of thousands",
                 )
+        numbers[np.isin(numbers, NOTHING)] = np.nan
         return numbers * self.columns[key][1] if key in self.columns else numbers
 
 
@@ -199,28 +227,41 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     sheet = _sheet(path)
     columns = _words(sheet)
     position = _position(sheet)
-    found = {key: sheet.numbers(key) for key in (*NUMBERS, "girth", "crown_area")}
+    found = {key: sheet.numbers(key) for key in (*NUMBERS, "girth", "crown_area", "crown_radius")}
     found["dbh"] = np.fmax(found["dbh"], found["girth"] / np.pi)
+    found["crown_width"] = np.fmax(found["crown_width"], 2 * found["crown_radius"])
     found["crown_width"] = np.fmax(found["crown_width"], 2 * np.sqrt(found["crown_area"] / np.pi))
     line = np.array([line for line, _ in sheet.rows], dtype=np.int64)
     groups = [*zip(sheet.texts("plot"), sheet.texts("census"), strict=True)]
     species = np.array(sheet.texts("species"), dtype=np.str_)
     numbers = np.column_stack([found[key] for key in NUMBERS]).reshape(-1, len(NUMBERS))
     here = np.isfinite(position).all(axis=1)
-    told = [text.casefold().partition(",")[0].strip() for text in sheet.texts("status")]
-    if others := sorted({*told} - {*GONE, *YES, *NO, *LIVING, "", "a", "l", "p"})[:STEMS]:
+    told = [text.partition(",")[0].removesuffix(".0") for text in sheet.texts("status")]
+    told = [" ".join(_plain(text)) for text in told]
+    if others := sorted({*told} - {*GONE.split("|"), *YES, *NO, *LIVING, "", "a", "l", "p", "v"})[
+        :STEMS
+    ]:
         sheet.said.append(f"{path.name}: taken for living: status {', '.join(others)}")
-    words = {"dead": YES, "tot": YES, "mort": YES} | dict.fromkeys(LIVING, NO)
-    alive = ~np.isin(told, words.get(sheet.name("status"), GONE))
+    dead = dict.fromkeys(("dead", "tot", "mort", "muerto", "morto", "dod", "dood"), YES)
+    words = dead | dict.fromkeys(LIVING, NO)
+    alive = ~np.isin(told, words.get(sheet.name("status"), GONE.split("|")))
+    if len({*sheet.texts("zone")} - {""}) > 1:
+        raise SpecError(str(path), "has trees of several UTM zones; give each zone its own table")
+    for key in ("plot", "census"):
+        if (many := len({*sheet.texts(key)})) > 1:
+            name = sheet.head[sheet.columns[key][0]].strip()
+            sheet.said.append(f"{path.name}: rows of {many} values of {name} are taken together")
     for rows, what in ((~here, "without x or y"), (here & ~alive, "of dead trees")):
         if rows.any():
             count = "1 row" if rows.sum() == 1 else f"{rows.sum():,} rows"
             sheet.said.append(f"{path.name}: left out {count} {what}")
     keep = np.flatnonzero(here & alive)
     position, crs = _projected(sheet, position[keep], crs)
-    said = (f"{len(keep):,} trees of {path.name}: {columns}", *sheet.said)
+    count = "1 tree" if len(keep) == 1 else f"{len(keep):,} trees"
+    said = (f"{count} of {path.name}: {columns}", *sheet.said)
     trees = TreeMap(position, species[keep], line[keep], numbers[keep], said, crs)
-    return _with_stems(path, trees, [groups[row] for row in keep])
+    kept = [sheet.rows[row] for row in keep]
+    return _with_stems(path, trees, [groups[row] for row in keep], kept)
 
 
 @guarded("a CSV file with columns x, y and ring", most=MOST)
@@ -308,12 +349,12 @@ def column_of(
 def _plain(name: str) -> list[str]:
     """Words of a column's name in small letters without accents: DBH [cm] as dbh, cm."""
     bare = unicodedata.normalize("NFKD", name.casefold())
-    return re.findall(r"[a-z0-9%]+", "".join(c for c in bare if not unicodedata.combining(c)))
+    return re.findall(r"[^\W_]+|%", "".join(c for c in bare if not unicodedata.combining(c)))
 
 
 def _words(sheet: _Sheet) -> str:
     """Say which columns were taken for what, and which were not used."""
-    aside = ("ring", "plot", "census")
+    aside = ("ring", "plot", "census", "zone")
     columns = {key: one for key, one in sheet.columns.items() if key not in aside}
     taken = [
         f"{key} = {sheet.head[at].strip()}{f' ({unit})' if unit else ''}"
@@ -321,14 +362,11 @@ def _words(sheet: _Sheet) -> str:
     ]
     used = {at for at, *_ in columns.values()}
     left = [name.strip() for at, name in enumerate(sheet.head) if at not in used and name.strip()]
-    missing = {
-        word: key
-        for key in {*COLUMNS} - {*sheet.columns}
-        for word in COLUMNS[key].split()
-        if word[3:]
-    }
+    missing = {word: key for key in {*COLUMNS} - {*sheet.columns} for word in COLUMNS[key].split()}
     for name in left:
-        near = get_close_matches("".join(_plain(name)), missing, 1, LIKE)
+        whole = "".join(_plain(name))
+        begun = [w for w in missing if w[2:] and whole.startswith(w) and missing[w] in NUMBERS]
+        near = get_close_matches(whole, [w for w in missing if w[3:]], 1, LIKE) or begun[:1]
         meant = f"{sheet.path.name}: column {name} is not used; did you mean {{}}?"
         sheet.said += [meant.format(missing[word]) for word in near]
     return ", ".join(taken) + (f"; not used: {', '.join(left)}" if left else "")
@@ -345,6 +383,7 @@ def _position(sheet: _Sheet) -> np.ndarray:
     if not {"distance", "azimuth"} <= set(sheet.columns):
         return place
     distance, azimuth = sheet.numbers("distance"), sheet.numbers("azimuth")
+    unit = sheet.columns["azimuth"][2]
     if "x" in sheet.columns:  # of each tree, unless many have the same: a plot's
         if len(np.unique(place, axis=0)) > 0.5 * len(place):
             return place
@@ -360,7 +399,14 @@ def _position(sheet: _Sheet) -> np.ndarray:
         raise SpecError(
             str(sheet.path), "has azimuths above 360 degrees; call the column azimuth_gon"
         )
-    sheet.said.append("x and y follow from distance and azimuth, clockwise from north")
+    if len(azimuth) >= FEW and 0 < np.nanmax(azimuth) <= np.radians(2 * np.pi) and unit != "rad":
+        raise SpecError(
+            str(sheet.path), "has no azimuth above 6.3; call the column azimuth_rad or azimuth_gon"
+        )
+    sheet.said.append(
+        f"x and y follow from distance and azimuth in {unit or 'deg'}, clockwise from the map's north (not "
+        "the magnetic one)"
+    )
     return place + distance[:, None] * np.column_stack([np.sin(azimuth), np.cos(azimuth)])
 
 
@@ -379,6 +425,14 @@ def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, 
     )
     source = sheet.crs or (DEGREES if degrees else "")
     if not source:
+        east, north = np.abs(np.median(place, axis=0))
+        if crs:
+            refuse_far(crs, place)
+        elif east > north > FAR:
+            sheet.said.append(
+                f"{sheet.path.name}: x, {east:,.0f} m, is taken for east and y, {north:,.0f} m, for north; "
+                "exchange the names if it is the other way round"
+            )
         return place, crs
     position, system = moved(source, crs, place)
     if system != crs or source == DEGREES:
@@ -386,14 +440,20 @@ def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, 
     return position, system
 
 
-def _with_stems(path: Path, trees: TreeMap, groups: Sequence[tuple[str, str]]) -> TreeMap:
+def _with_stems(
+    path: Path,
+    trees: TreeMap,
+    groups: Sequence[tuple[str, str]],
+    rows: Sequence[tuple[int, list[str]]],
+) -> TreeMap:
     """The trees with rows at one place joined: basal areas add up, of all else the largest counts.
 
-    groups : (N,) plot and census of each row.
+    groups : (N,) plot and census of each row. rows : (N,) their lines and cells.
 
     Raises
     ------
-    SpecError : more rows at one place than a tree has stems, or of different plots or censuses.
+    SpecError : more rows at one place than a tree has stems, or of different plots or censuses; a row that is
+    there twice.
     """
     place = np.round(trees.position, 3)
     _, first, tree, stems = np.unique(
@@ -413,14 +473,24 @@ def _with_stems(path: Path, trees: TreeMap, groups: Sequence[tuple[str, str]]) -
             "has rows of several plots or years at one place; give each its own table, or each plot its "
             "coordinates",
         )
+    lines: dict[tuple[str, ...], int] = {}
+    for line, cells in rows:
+        before = lines.setdefault(tuple(cells), line)
+        if before != line:
+            raise SpecError(
+                str(path),
+                f"row {line} is row {before} again, cell for cell; remove it, or number the stems of a tree "
+                "in a column of their own",
+            )
     at, numbers = NUMBERS.index("dbh"), np.full((len(first), len(NUMBERS)), np.nan)
     np.fmax.at(numbers, tree.ravel(), trees.numbers)
     area = np.bincount(tree.ravel(), np.nan_to_num(trees.numbers[:, at]) ** 2)
     numbers[:, at] = np.sqrt(np.where(area > 0, area, np.nan))
-    trees_with = "1 tree has" if (stems > 1).sum() == 1 else f"{(stems > 1).sum():,} trees have"
+    several, count = int((stems > 1).sum()), stems[stems > 1].sum()
+    what = "1 tree has" if several == 1 else f"{several:,} trees have"
     said = (
-        f"{path.name}: {trees_with} several stems ({stems[stems > 1].sum():,} rows at one place each), and "
-        "is one tree of the same basal area",
+        f"{path.name}: {what} several stems ({count:,} rows in all at one place each), and counts as one of "
+        "the same basal area",
     )
     order = np.argsort(first)
     kept = first[order]
@@ -521,6 +591,12 @@ def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False)
                 str(path),
                 f"row {line} has {len(cells)} values, its header {len(head)}; complete the row",
             )
+        first = next(filter(None, map(str.strip, cells)), "")
+        if first.casefold() in SUMS.split():
+            raise SpecError(
+                str(path),
+                f'row {line} begins with "{first}" and is no tree; leave it out of the table',
+            )
         if any(map(str.strip, cells[len(head) :])):
             raise SpecError(
                 str(path),
@@ -531,20 +607,45 @@ def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False)
 
 
 def _workbook(path: Path) -> _Sheet:
+    """The first sheet of a workbook with columns that tell places.
+
+    Raises
+    ------
+    SpecError : none has; a formula that was never computed.
+    """
     openpyxl = library(path, "tables", "openpyxl")
-    book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    book, formulas = (
+        openpyxl.load_workbook(path, read_only=True, data_only=computed)
+        for computed in (True, False)
+    )
+    names = [sheet.title for sheet in book.worksheets]
     try:
-        names, sheet = book.sheetnames, book.worksheets[0]
-        rows = [
-            (line, ["" if cell is None else str(cell) for cell in cells])
-            for line, cells in enumerate(sheet.iter_rows(values_only=True), 1)
-            if any(cell is not None for cell in cells)
-        ]
+        for name in names:
+            rows = []
+            sheets = (each[name].iter_rows(values_only=True) for each in (book, formulas))
+            for line, (cells, told) in enumerate(zip(*sheets, strict=True), 1):
+                if any(a is None and str(b)[:1] == "=" for a, b in zip(cells, told, strict=True)):
+                    raise SpecError(
+                        str(path),
+                        f'row {line} of "{name}" has a formula without its result; open and save it in a '
+                        "spreadsheet",
+                    )
+                if any(cell is not None for cell in cells):
+                    rows.append((line, ["" if cell is None else str(cell) for cell in cells]))
+            if len(names) == 1 or any(_is_head(path, cells) for _, cells in rows[:TITLES]):
+                break
+        else:
+            raise SpecError(
+                str(path),
+                "has no sheet with columns x and y, or distance and azimuth; its sheets are "
+                + ", ".join(names),
+            )
     finally:
         book.close()
+        formulas.close()
     found = _checked(path, rows)
     if len(names) > 1:
-        found.said.append(f'{path.name}: the first of {len(names)} sheets is read, "{names[0]}"')
+        found.said.append(f'{path.name}: of {len(names)} sheets "{name}" is read')
     return found
 
 

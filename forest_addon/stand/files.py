@@ -113,7 +113,15 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
                     f"{why}; a median of {typical:.3g} "
                     f"{' or '.join(fit)} would make sense: say the unit in the header, as {key}_{fit[0]}",
                 )
-
+    base = np.flatnonzero(
+        trees.numbers[:, NUMBERS.index("crown_base")] >= trees.numbers[:, NUMBERS.index("height")]
+    )
+    if len(base):
+        raise SpecError(
+            str(path),
+            f"row {trees.line[base[0]]}: the crown begins above the top of the tree; correct crown_base or "
+            "height",
+        )
     dbh, height = trees.numbers[:, 2:4][trees.numbers[:, 2] >= THIN].T
     slender = float(np.nanmedian(height / dbh)) if np.isfinite(height).any() else 0.0
     if slender > SLENDER:

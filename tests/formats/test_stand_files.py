@@ -185,6 +185,15 @@ FOREIGN = {
     "titles of a sheet": "Plot 7, wet\n;;;;\nPlace;;Sizes;\nx;y;BHD (cm);h;n\n5.5;6;24;18.288;\n7;8;31;;\n",
     "a row of units": "n;x;y;DBH;Height\n;m;m;cm;m\n1;5,5;6;24;18,2880\n2;7;8;31;\n",
     "Excel's words": "x;y;dbh;h;lebend\n5,5;6;0,24;18,2880;WAHR\n1;1;0,3;;FALSCH\n7;8;0,31;;WAHR\n",
+    "Spanish": "Este;Norte;DAP (cm);Altura (m);Estado\n5,5;6;24;18,2880;vivo\n1;1;9;5;Muerto en pie\n"
+    "7;8;31;;vivo\n",
+    "Swedish": "Ost\tNord\tDiameter_mm\tHöjd_dm\tdöd\n5,5\t6\t240\t182,88\t0\n7\t8\t310\t\t0\n"
+    "1\t1\t9\t9\t1\n",
+    "Italian": "X,Y,circonferenza [cm],altezza,stato\n5.5,6,75.39822369,18.288,vivo\n"
+    "7,8,97.38937226,n.a.,vivo\n1,1,9,9,morto\n",
+    "Dutch": "x;y;diameter_cm;hoogte_m;status\n5,5;6;24;18,2880;levend\n7;8;31;—;levend\n2;2;31;;dood\n",
+    "-999 and codes as decimals": "x,y,dbh_cm,h,statuscd\n5.5,6,24,18.288,1.0\n-999,-999,24,9,1.0\n"
+    "7,8,31,-9999,1.0\n3,3,10,5,2.0\n",
     "gons": "azimuth_gon,dist,dbh,h\n47.23383009,8.139410298,0.24,18.288\n45.76213908,10.63014581,0.31,\n",
 }
 
@@ -371,6 +380,15 @@ def test_degrees_far_from_the_map_are_refused(tmp_path, place, said):
         ("x,y,plot\n1,1,a\n1,1,b\n", "several plots or years at one place"),
         ("x,y,year\n1,1,2010\n1,1,2020\n", "several plots or years at one place"),
         ("x,y,dbh_in,height\n1,2,12,60\n3,4,10,55\n", "times as tall as thick"),
+        (
+            "azimuth,dist\n0.3,4\n1.2,4\n5.9,3\n3.1,2\n",
+            "no azimuth above 6.3; call the column azimuth_rad",
+        ),
+        ("x,y,dbh\n1,1,.2\n2,2,.2\n1,1,.2\n", "row 4 is row 2 again, cell for cell"),
+        ("id,x,y,dbh\n1,1,1,.2\nMean,1.5,1.5,.2\n", 'row 3 begins with "Mean" and is no tree'),
+        ("x;y\n4,57E+05;5,41E+06\n", 'x is "4,57E\\+05", which a spreadsheet has rounded'),
+        ("utm_zone,x,y\n32U,5e5,5.4e6\n33U,5e5,5.4e6\n", "several UTM zones"),
+        ("x,y,h,hcb\n1,1,10,3\n2,2,10,12\n", "row 3: the crown begins above the top"),
         ('x,y,note\n1,2,"never ends\n3,4,a\n', "cannot be read"),
     ],
 )
@@ -378,6 +396,59 @@ def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(SpecError, match=said):
         read_tree_list(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x,y\n5412345,456789\n5412350,456793\n", "5,412,348 m, is taken for east"),
+        ("x,y,plot\n1,1,a\n1,2,b\n", "rows of 2 values of plot are taken together"),
+        ("x,y,year\n1,1,2010\n1,2,2020\n", "rows of 2 values of year are taken together"),
+        ("x,y,dbh_2010,dbh_2020\n1,1,.2,.3\n", "column dbh_2010 is not used; did you mean dbh?"),
+        (
+            "distance,azimuth\n1,90\n",
+            "in deg, clockwise from the map's north (not the magnetic one)",
+        ),
+    ],
+)
+def test_what_may_be_meant_otherwise_is_said(tmp_path, text, said):
+    (tmp_path / "t.csv").write_text(text)
+    assert said in " ".join(read_tree_list(tmp_path / "t.csv").said)
+
+
+def test_east_and_north_exchanged_are_far_from_the_map(tmp_path):
+    pytest.importorskip("pyproj")
+    (tmp_path / "t.csv").write_text("x,y\n5412345,456789\n5412350,456793\n")
+    with pytest.raises(SpecError, match="exchange them if they are north and east"):
+        read_tree_list(tmp_path / "t.csv", crs="EPSG:32632")
+    (tmp_path / "t.csv").write_text("y,x\n5412345,456789\n5412350,456793\n")
+    found = read_tree_list(tmp_path / "t.csv", crs="EPSG:32632")
+    assert found.position[0].tolist() == [456789, 5412345]
+
+
+@pytest.mark.parametrize(
+    ("sheets", "said"),
+    [
+        ({"About": [["A forest"]], "Trees": [["x", "y"], [1, 2]]}, 'of 2 sheets "Trees" is read'),
+        ({"About": [["A forest"]], "Sums": [["n"], [1]]}, "its sheets are About, Sums"),
+        ({"Trees": [["x", "y"], [1, "=1+1"]]}, 'row 2 of "Trees" has a formula without its result'),
+    ],
+)
+def test_the_sheet_of_a_workbook_with_trees_is_read(tmp_path, sheets, said):
+    book = pytest.importorskip("openpyxl").Workbook()
+    book.remove(book.active)
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    book.save(tmp_path / "t.xlsx")
+    if "is read" in said:
+        found = read_tree_list(tmp_path / "t.xlsx")
+        assert found.position.tolist() == [[1, 2]]
+        assert said in found.said[1]
+        return
+    with pytest.raises(SpecError, match=said):
+        read_tree_list(tmp_path / "t.xlsx")
 
 
 def test_a_list_beside_the_field_is_refused_with_the_offset_that_would_do(tmp_path):
