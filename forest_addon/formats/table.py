@@ -7,19 +7,52 @@ decimals as a column has, and a million numbers take a tenth of a second. Equal 
 from __future__ import annotations
 
 import csv
+import gzip
+import io
+import math
 import os
+import re
+import sys
+import unicodedata
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..spec import SpecError
 from .atomic import replacing
 from .ply import StoredRows
 
 TEXT_AT_ONCE = 20_000  # rows
 ROWS_AT_ONCE = 200_000
 Columns = Mapping[str, Sequence[Any]]
+LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254, "dm": 0.1}
+LENGTHS |= {"meters": 1.0, "metres": 1.0, "feet": 0.3048, "inches": 0.0254}
+LENGTHS |= {"м": 1.0, "см": 0.01, "мм": 0.001}
+ANGLES = {"deg": math.pi / 180, "rad": 1.0, "gon": math.pi / 200, "degrees": math.pi / 180}
+AREAS = {"m2": 1.0, "sqm": 1.0, "ft2": 0.3048**2}
+
+ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
+ABSENT += ("n.a.", "k.a.", "nd", "#n/a", "<na>", "?", "–", "—")
+
+SUMS = (  # how rows begin that are no trees
+    "total totals sum mean average median summe gesamt mittel mittelwert moyenne somme totale media promedio"
+)
+
+PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
+
+NOTES = ("#", "sep=", "SEP=")  # how lines begin that hold no cells; the last are Excel's
+TITLES = 10  # rows above a header
+# By the mark in them: numbers with decimals, and those that are thousands where decimals have the other mark.
+DECIMAL = {mark: re.compile(rf"-?\d+[{mark}]\d+") for mark in ".,"}
+ROUNDED = re.compile(r"-?\d[.,](\d+)e\+0*(\d+)", re.IGNORECASE)  # 4.57E+05, as Excel saves it
+THOUSANDS = {mark: re.compile(rf"-?\d{{1,3}}[{mark}]\d{{3}}") for mark in ".,"}
+
 
 FORMULA = ("=", "+", "@")  # a cell that begins so is a formula to a spreadsheet
 
@@ -129,3 +162,207 @@ def _text(values: np.ndarray, decimals: int, name: str) -> np.ndarray:
     first = np.argmax(text[negative] > 0, axis=1)
     text[negative, first - 1] = ord("-")
     return text
+
+
+# ---------------------------------------------------------------------------------- tables of others
+
+
+def read_columns(path: Path, *needed: str) -> Sheet:
+    """Read a table in text whose columns have names of their own, in small letters.
+
+    Raises
+    ------
+    SpecError : as ``read_text``; a column that is needed is missing.
+    """
+    sheet = read_text(path, lambda cells: {*needed} <= {cell.strip().lower() for cell in cells})
+    names = [name.strip().lower() for name in sheet.head]
+    if not {*needed} <= {*names}:
+        raise SpecError(str(path), f"needs the columns {', '.join(needed)} in its header")
+    sheet.columns = {name: (at, 1.0, "") for at, name in enumerate(names) if name}
+    return sheet
+
+
+@dataclass
+class Sheet:
+    """Cells of a table as text: its header, its rows with their lines, the system that it names, and
+    columns by what they are: where, in our unit, and the name of the unit if the column says one.
+    """
+
+    path: Path
+    head: list[str]
+    rows: list[tuple[int, list[str]]]
+    crs: str = ""
+    thousands: str = ""  # marks in numbers that may be of thousands
+    said: list[str] = field(default_factory=list)
+    columns: dict[str, tuple[int, float, str]] = field(default_factory=dict)
+    nothing: tuple[float, ...] = ()  # numbers that stand for none
+    lowest: float = -sys.float_info.max
+
+    def name(self, key: str) -> str:
+        """The name of a column in small letters and digits; "" where there is none."""
+        return "".join(words_of(self.head[self.columns[key][0]])) if key in self.columns else ""
+
+    def texts(self, key: str) -> list[str]:
+        """Cells of a column without quotes, "" where there is none."""
+        if key not in self.columns:
+            return [""] * len(self.rows)
+        at = self.columns[key][0]
+        return [unquoted(cells[at].strip()) for _, cells in self.rows]
+
+    def numbers(self, key: str) -> np.ndarray:
+        """(N,) numbers of a column in our unit, NaN where there is none.
+
+        Raises
+        ------
+        SpecError : a cell that is no finite number.
+        """
+        numbers = np.full(len(self.rows), np.nan)
+        for row, told in enumerate(self.texts(key)):
+            if told.lower() in ABSENT:
+                continue
+            with suppress(ValueError):
+                numbers[row] = float(told if "." in told else told.replace(",", ".", 1))
+            rounded = ROUNDED.fullmatch(told) if key in "xy" else None
+            if rounded and int(rounded[2]) > len(rounded[1]):
+                raise SpecError(
+                    str(self.path),
+                    f'row {self.rows[row][0]}: {key} is "{told}", which a spreadsheet has rounded; give its '
+                    "cells the format of a number, and save it again",
+                )
+            unsure = any(THOUSANDS[mark].fullmatch(told) for mark in self.thousands)
+            if unsure or not self.lowest <= numbers[row] < math.inf:
+                why = "which may be thousands" if unsure else "not a finite number"
+                raise SpecError(
+                    str(self.path),
+                    f'row {self.rows[row][0]}: {key} is "{told}", {why}; use one kind of decimals '
+                    "throughout, without units and without marks of thousands",
+                )
+        numbers[np.isin(numbers, self.nothing)] = np.nan
+        return numbers * self.columns[key][1] if key in self.columns else numbers
+
+    def matrix(self, *keys: str) -> np.ndarray:
+        """(N, columns) numbers of columns.
+
+        Raises
+        ------
+        SpecError : there is no row; a cell that is empty, or no finite number.
+        """
+        if not self.rows:
+            raise SpecError(str(self.path), "has no rows below its header; give one or more")
+        rows = np.reshape([self.numbers(key) for key in keys], (len(keys), -1)).T
+        for row, column in np.argwhere(np.isnan(rows)):
+            raise SpecError(
+                str(self.path), f"row {self.rows[row][0]} has no {keys[column]}; give a number"
+            )
+        return rows
+
+
+def words_of(name: str) -> list[str]:
+    """Words of a column's name in small letters without accents: DBH [cm] as dbh, cm."""
+    bare = unicodedata.normalize("NFKD", name.casefold())
+    return re.findall(r"[^\W_]+|%", "".join(c for c in bare if not unicodedata.combining(c)))
+
+
+def refuse_unpacked(path: Path, size: int) -> None:
+    """Refuse a file that unpacks to very much more than itself."""
+    most = PACKED * path.stat().st_size + 1_000_000
+    if size > most:
+        raise SpecError(
+            str(path), f"unpacks to more than {most / 1e6:,.0f} MB; save it again without packing"
+        )
+
+
+def read_text(path: Path, is_head: Callable[[Sequence[str]], bool]) -> Sheet:
+    """Read a table in text: commas, semicolons, tabs, bars or spaces; UTF-8, UTF-16 or Windows' cp1252;
+    packed by gzip or not. is_head : whether cells are a header; without such a row the first one is.
+
+    Raises
+    ------
+    SpecError : as ``sheet_of``; it unpacks to very much more than itself.
+    """
+    data = path.read_bytes()
+    if data.startswith(b"\x1f\x8b"):
+        with gzip.open(path) as file:
+            data = file.read(PACKED * len(data) + 1_000_001)
+            refuse_unpacked(path, len(data))
+    said, first = [], data[:2].find(b"\0")
+    encoding = {0: "utf-16-be", 1: "utf-16-le"}.get(first, "utf-8-sig")
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
+        encoding = "utf-16"
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        text = data.decode("cp1252")
+        said = [f"{path.name}: is not UTF-8; read as Windows' cp1252"]
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(NOTES)]
+    bare = {line: re.sub(r'"[^"]*"| ', "", line) for line in lines[:TITLES]}
+    split = {line: max(" ;\t|,", key=told.count) for line, told in bare.items()}
+    heads = (by for line, by in split.items() if is_head(line.split(by)))
+    separator = next(chain(heads, split.values()), " ")
+    reader = csv.reader(
+        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
+    )
+    rows, line = [], 1
+    for cells in reader:
+        if any(map(str.strip, cells)) and not cells[0].startswith(NOTES):
+            rows.append((line, cells))
+        line = reader.line_num + 1
+    sheet = sheet_of(path, rows, is_head, separator == " " or text.splitlines()[-1:][0][:1] == '"')
+    sure = {
+        mark
+        for mark in ".,"
+        for _, cells in sheet.rows
+        for cell in map(str.strip, cells)
+        if DECIMAL[mark].fullmatch(cell) and not THOUSANDS[mark].fullmatch(cell)
+    }
+    sheet.thousands = "," * ("." in sure or separator == ",") + "." * ("," in sure)
+    sheet.said += said
+    return sheet
+
+
+def sheet_of(
+    path: Path,
+    rows: list[tuple[int, list[str]]],
+    is_head: Callable[[Sequence[str]], bool],
+    named: bool = False,
+) -> Sheet:
+    """The first row that is a header, and rows below it that are as long.
+
+    named : rows may have names, as R's. Titles above the header are left out, and a row of units below it
+    goes into it.
+
+    Raises
+    ------
+    SpecError : no header; a row that is longer or shorter.
+    """
+    if not rows:
+        raise SpecError(str(path), "is empty; it needs a header, and rows below it")
+    titles = next((n for n, (_, cells) in enumerate(rows[:TITLES]) if is_head(cells)), 0)
+    (line, head), rows = rows[titles], rows[titles + 1 :]
+    said = [f"{path.name}: row {line} is its header"] * (titles > 0)
+    if rows and {*rows[0][1]} <= {"", *LENGTHS, *ANGLES, *AREAS} and len(rows[0][1]) == len(head):
+        head = [
+            f"{name} [{unit}]" if unit else name
+            for name, unit in zip(head, rows.pop(0)[1], strict=True)
+        ]
+    if named and rows and all(len(cells) == len(head) + 1 and cells[-1] for _, cells in rows):
+        head = ["", *head]
+    for line, cells in rows:
+        if len(cells) < len(head):
+            raise SpecError(
+                str(path),
+                f"row {line} has {len(cells)} values, its header {len(head)}; complete the row",
+            )
+        first = next(filter(None, map(str.strip, cells)), "")
+        if first.casefold() in SUMS.split():
+            raise SpecError(
+                str(path),
+                f'row {line} begins with "{first}", as a sum of others; leave it out of the table',
+            )
+        if any(map(str.strip, cells[len(head) :])):
+            raise SpecError(
+                str(path),
+                f"row {line} has {len(cells)} values, its header {len(head)}; name every column, and put "
+                "semicolons between columns whose numbers have decimal commas",
+            )
+    return Sheet(path, head, rows, said=said)

@@ -11,17 +11,11 @@ one tree. What was taken for what, and what was left out, is in ``TreeMap.said``
 
 from __future__ import annotations
 
-import csv
-import gzip
-import io
 import json
-import math
 import re
-import unicodedata
 import zipfile
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import partial
 from itertools import chain
@@ -34,7 +28,17 @@ from scipy.spatial import ConvexHull
 from ..spec import SpecError
 from .crs import moved, refuse_far
 from .foreign import guarded, library
-from .table import unquoted
+from .table import (
+    ANGLES,
+    AREAS,
+    LENGTHS,
+    TITLES,
+    Sheet,
+    read_text,
+    refuse_unpacked,
+    sheet_of,
+    words_of,
+)
 
 PLACES = (  # names of x and y, the first pair that a table has
     *("x y", "xutm yutm", "utmx utmy", "utme utmn", "adjeasting adjnorthing", "easting northing"),
@@ -77,11 +81,6 @@ COLUMNS = {
     "distancia distanza afstand avstand odleglosc",
     "azimuth": "azimuth azimut stemazimuth azi az bearing azpr acimut azymut",
 }
-LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254, "dm": 0.1}
-LENGTHS |= {"meters": 1.0, "metres": 1.0, "feet": 0.3048, "inches": 0.0254}
-LENGTHS |= {"м": 1.0, "см": 0.01, "мм": 0.001}
-ANGLES = {"deg": math.pi / 180, "rad": 1.0, "gon": math.pi / 200, "degrees": math.pi / 180}
-AREAS = {"m2": 1.0, "sqm": 1.0, "ft2": 0.3048**2}
 UNITS = {  # of columns that are no lengths, the first without a word
     "rotation": {"rad": 1.0, **ANGLES},
     "azimuth": ANGLES,
@@ -94,8 +93,6 @@ FIA = {"ht": "ft", "actualht": "ft", "dist": "ft"}  # beside a column of FIA's o
 FIA_OWN = {"spcd", "statuscd"}
 TEXTS = ("species", "ring", "status", "plot", "census", "zone")
 NUMBERS = ("scale", "rotation", "dbh", "height", "crown_width", "crown_base", "leaf_area")
-ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
-ABSENT += ("n.a.", "k.a.", "nd", "#n/a", "<na>", "?", "–", "—")
 NOTHING = (-999.0, -9999.0, -99999.0)  # the same in numbers
 GONE = (  # without accents; with letters of ForestGEO and numbers of FIA
     "dead|standing dead|dead standing|dead fallen|snag|downed|removed|missing|lost|stump|cut|felled|"
@@ -117,23 +114,13 @@ LIVING = (
     "levande",
     "zywe",
 )
-SUMS = (  # how rows begin that are no trees
-    "total totals sum mean average median summe gesamt mittel mittelwert moyenne somme totale media promedio"
-)
 MOST = 500_000_000  # bytes of a table
-PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
 LIKE = 0.8  # of a column's name, beyond which it is a slip of the keyboard
 STEMS = 50  # rows at one place that may be one tree
 FEW = 4  # azimuths that do not lie in the first 6 degrees by chance
 FAR = 1e5  # m from the origin of a map
 CROWDED = 0.02  # m² a tree, below which numbers that may be degrees are degrees
 DEGREES = "EPSG:4326"
-NOTES = ("#", "sep=", "SEP=")  # how lines begin that hold no cells; the last are Excel's
-TITLES = 10  # rows above a header
-# By the mark in them: numbers with decimals, and those that are thousands where decimals have the other mark.
-DECIMAL = {mark: re.compile(rf"-?\d+[{mark}]\d+") for mark in ".,"}
-ROUNDED = re.compile(r"-?\d[.,](\d+)e\+0*(\d+)", re.IGNORECASE)  # 4.57E+05, as Excel saves it
-THOUSANDS = {mark: re.compile(rf"-?\d{{1,3}}[{mark}]\d{{3}}") for mark in ".,"}
 
 
 @dataclass(frozen=True)
@@ -154,63 +141,6 @@ class TreeMap:
 
     def __len__(self) -> int:
         return len(self.position)
-
-
-@dataclass
-class _Sheet:
-    """Cells of a table as text: its header, its rows with their lines, the system that it names, and
-    columns by what they are: where, in our unit, and the name of the unit if the column says one.
-    """
-
-    path: Path
-    head: list[str]
-    rows: list[tuple[int, list[str]]]
-    crs: str = ""
-    thousands: str = ""  # marks in numbers that may be of thousands
-    said: list[str] = field(default_factory=list)
-    columns: dict[str, tuple[int, float, str]] = field(default_factory=dict)
-
-    def name(self, key: str) -> str:
-        """The name of a column in small letters and digits; "" where there is none."""
-        return "".join(_plain(self.head[self.columns[key][0]])) if key in self.columns else ""
-
-    def texts(self, key: str) -> list[str]:
-        """Cells of a column without quotes, "" where there is none."""
-        if key not in self.columns:
-            return [""] * len(self.rows)
-        at = self.columns[key][0]
-        return [unquoted(cells[at].strip()) for _, cells in self.rows]
-
-    def numbers(self, key: str) -> np.ndarray:
-        """(N,) numbers of a column in our unit, NaN where there is none.
-
-        Raises
-        ------
-        SpecError : a cell that is no finite number.
-        """
-        numbers = np.full(len(self.rows), np.nan)
-        for row, told in enumerate(self.texts(key)):
-            if told.lower() in ABSENT:
-                continue
-            with suppress(ValueError):
-                numbers[row] = float(told if "." in told else told.replace(",", ".", 1))
-            rounded = ROUNDED.fullmatch(told) if key in "xy" else None
-            if rounded and int(rounded[2]) > len(rounded[1]):
-                raise SpecError(
-                    str(self.path),
-                    f'row {self.rows[row][0]}: {key} is "{told}", which a spreadsheet has rounded; give its '
-                    "cells the format of a number, and save it again",
-                )
-            unsure = any(THOUSANDS[mark].fullmatch(told) for mark in self.thousands)
-            if unsure or not math.isfinite(numbers[row]):
-                why = "which may be thousands" if unsure else "not a finite number"
-                raise SpecError(
-                    str(self.path),
-                    f'row {self.rows[row][0]}: {key} is "{told}", {why}; use one kind of decimals '
-                    "throughout, without units and without marks of thousands",
-                )
-        numbers[np.isin(numbers, NOTHING)] = np.nan
-        return numbers * self.columns[key][1] if key in self.columns else numbers
 
 
 @guarded("a table of trees with columns x and y", most=MOST)
@@ -237,7 +167,7 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     numbers = np.column_stack([found[key] for key in NUMBERS]).reshape(-1, len(NUMBERS))
     here = np.isfinite(position).all(axis=1)
     told = [text.partition(",")[0].removesuffix(".0") for text in sheet.texts("status")]
-    told = [" ".join(_plain(text)) for text in told]
+    told = [" ".join(words_of(text)) for text in told]
     if others := sorted({*told} - {*GONE.split("|"), *YES, *NO, *LIVING, "", "a", "l", "p", "v"})[
         :STEMS
     ]:
@@ -296,7 +226,7 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     ------
     SpecError : neither x and y nor distance and azimuth; a unit in brackets that is not known.
     """
-    whole = {"".join(_plain(name)): at for at, name in enumerate(head)}
+    whole = {"".join(words_of(name)): at for at, name in enumerate(head)}
     usual = USUAL | (FIA if FIA_OWN & set(whole) else {})
     column = partial(column_of, path, head, usual)
     columns = {key: one for key, names in COLUMNS.items() if (one := column(key, names.split()))}
@@ -326,7 +256,7 @@ def column_of(
     one.
     """
     units = {"": 1.0} if key in TEXTS else UNITS.get(key, LENGTHS)
-    plain = [_plain(name) for name in head]
+    plain = [words_of(name) for name in head]
     for name in names:
         for at, words in enumerate(plain):
             if "".join(words) == name:
@@ -346,13 +276,7 @@ def column_of(
     return None
 
 
-def _plain(name: str) -> list[str]:
-    """Words of a column's name in small letters without accents: DBH [cm] as dbh, cm."""
-    bare = unicodedata.normalize("NFKD", name.casefold())
-    return re.findall(r"[^\W_]+|%", "".join(c for c in bare if not unicodedata.combining(c)))
-
-
-def _words(sheet: _Sheet) -> str:
+def _words(sheet: Sheet) -> str:
     """Say which columns were taken for what, and which were not used."""
     aside = ("ring", "plot", "census", "zone")
     columns = {key: one for key, one in sheet.columns.items() if key not in aside}
@@ -364,7 +288,7 @@ def _words(sheet: _Sheet) -> str:
     left = [name.strip() for at, name in enumerate(sheet.head) if at not in used and name.strip()]
     missing = {word: key for key in {*COLUMNS} - {*sheet.columns} for word in COLUMNS[key].split()}
     for name in left:
-        whole = "".join(_plain(name))
+        whole = "".join(words_of(name))
         begun = [w for w in missing if w[2:] and whole.startswith(w) and missing[w] in NUMBERS]
         near = get_close_matches(whole, [w for w in missing if w[3:]], 1, LIKE) or begun[:1]
         meant = f"{sheet.path.name}: column {name} is not used; did you mean {{}}?"
@@ -372,7 +296,7 @@ def _words(sheet: _Sheet) -> str:
     return ", ".join(taken) + (f"; not used: {', '.join(left)}" if left else "")
 
 
-def _position(sheet: _Sheet) -> np.ndarray:
+def _position(sheet: Sheet) -> np.ndarray:
     """(N, 2) places in the file's own units made metres: x and y, or what distance and azimuth say of them.
 
     Raises
@@ -410,7 +334,7 @@ def _position(sheet: _Sheet) -> np.ndarray:
     return place + distance[:, None] * np.column_stack([np.sin(azimuth), np.cos(azimuth)])
 
 
-def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, str]:
+def _projected(sheet: Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, str]:
     """Places (N, 2) in metres of the map, and its system.
 
     Raises
@@ -507,106 +431,13 @@ def _with_stems(
 # ---------------------------------------------------------------------------------- files into cells
 
 
-def _unpacked(path: Path, size: int) -> None:
-    """Refuse a file that unpacks to very much more than itself."""
-    most = PACKED * path.stat().st_size + 1_000_000
-    if size > most:
-        raise SpecError(
-            str(path), f"unpacks to more than {most / 1e6:,.0f} MB; save it again without packing"
-        )
-
-
-def _text(path: Path) -> _Sheet:
-    data = path.read_bytes()
-    if data.startswith(b"\x1f\x8b"):
-        with gzip.open(path) as file:
-            data = file.read(PACKED * len(data) + 1_000_001)
-            _unpacked(path, len(data))
-    said, first = [], data[:2].find(b"\0")
-    encoding = {0: "utf-16-be", 1: "utf-16-le"}.get(first, "utf-8-sig")
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
-        encoding = "utf-16"
-    try:
-        text = data.decode(encoding)
-    except UnicodeDecodeError:
-        text = data.decode("cp1252")
-        said = [f"{path.name}: is not UTF-8; read as Windows' cp1252"]
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(NOTES)]
-    bare = {line: re.sub(r'"[^"]*"| ', "", line) for line in lines[:TITLES]}
-    split = {line: max(" ;\t|,", key=told.count) for line, told in bare.items()}
-    heads = (by for line, by in split.items() if _is_head(path, line.split(by)))
-    separator = next(chain(heads, split.values()), " ")
-    reader = csv.reader(
-        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
-    )
-    rows, line = [], 1
-    for cells in reader:
-        if any(map(str.strip, cells)) and not cells[0].startswith(NOTES):
-            rows.append((line, cells))
-        line = reader.line_num + 1
-    sheet = _checked(path, rows, separator == " " or text.splitlines()[-1:][0][:1] == '"')
-    sure = {
-        mark
-        for mark in ".,"
-        for _, cells in sheet.rows
-        for cell in map(str.strip, cells)
-        if DECIMAL[mark].fullmatch(cell) and not THOUSANDS[mark].fullmatch(cell)
-    }
-    sheet.thousands = "," * ("." in sure or separator == ",") + "." * ("," in sure)
-    sheet.said += said
-    return sheet
-
-
 def _is_head(path: Path, cells: Sequence[str]) -> bool:
     """Return whether cells are names of columns that tell where trees stand."""
     way = (column_of(path, cells, {}, key, COLUMNS[key].split()) for key in ("distance", "azimuth"))
     return any(map(all, pairs_of(path, cells))) or all(way)
 
 
-def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False) -> _Sheet:
-    """The first row that names places as a header, and rows below it that are as long.
-
-    named : rows may have names, as R's. Titles above the header are left out, and a row of units below it
-    goes into it.
-
-    Raises
-    ------
-    SpecError : no header; a row that is longer or shorter.
-    """
-    if not rows:
-        raise SpecError(str(path), "is empty; it needs a header with x and y, and a row a tree")
-    titles = next((n for n, (_, cells) in enumerate(rows[:TITLES]) if _is_head(path, cells)), 0)
-    (line, head), rows = rows[titles], rows[titles + 1 :]
-    said = [f"{path.name}: row {line} is its header"] * (titles > 0)
-    if rows and {*rows[0][1]} <= {"", *LENGTHS, *ANGLES, *AREAS} and len(rows[0][1]) == len(head):
-        head = [
-            f"{name} [{unit}]" if unit else name
-            for name, unit in zip(head, rows.pop(0)[1], strict=True)
-        ]
-    if named and rows and all(len(cells) == len(head) + 1 and cells[-1] for _, cells in rows):
-        head = ["", *head]
-    for line, cells in rows:
-        if len(cells) < len(head):
-            raise SpecError(
-                str(path),
-                f"row {line} has {len(cells)} values, its header {len(head)}; complete the row",
-            )
-        first = next(filter(None, map(str.strip, cells)), "")
-        if first.casefold() in SUMS.split():
-            raise SpecError(
-                str(path),
-                f'row {line} begins with "{first}" and is no tree; leave it out of the table',
-            )
-        if any(map(str.strip, cells[len(head) :])):
-            raise SpecError(
-                str(path),
-                f"row {line} has {len(cells)} values, its header {len(head)}; name every column, and put "
-                "semicolons between columns whose numbers have decimal commas",
-            )
-    return _Sheet(path, head, rows, said=said)
-
-
-def _workbook(path: Path) -> _Sheet:
+def _workbook(path: Path) -> Sheet:
     """The first sheet of a workbook with columns that tell places.
 
     Raises
@@ -643,13 +474,13 @@ def _workbook(path: Path) -> _Sheet:
     finally:
         book.close()
         formulas.close()
-    found = _checked(path, rows)
+    found = sheet_of(path, rows, partial(_is_head, path))
     if len(names) > 1:
         found.said.append(f'{path.name}: of {len(names)} sheets "{name}" is read')
     return found
 
 
-def _geojson(path: Path) -> _Sheet:
+def _geojson(path: Path) -> Sheet:
     told = json.loads(path.read_bytes())
     features = [
         (feature["geometry"], feature["properties"] or {})
@@ -659,7 +490,7 @@ def _geojson(path: Path) -> _Sheet:
     return _features(path, features, named)
 
 
-def _layer(path: Path) -> _Sheet:
+def _layer(path: Path) -> Sheet:
     pyogrio, shapely = library(path, "tables", "pyogrio.raw"), library(path, "tables", "shapely")
     told, _, shapes, values = pyogrio.read(path)
     features = [
@@ -674,7 +505,7 @@ def _layer(path: Path) -> _Sheet:
 
 def _features(
     path: Path, features: Sequence[tuple[Mapping[str, Any] | None, Mapping[str, Any]]], crs: str
-) -> _Sheet:
+) -> Sheet:
     """A sheet of features, each a geometry and its properties; those give way to places and widths."""
     told = []
     for geometry, properties in features:
@@ -686,7 +517,7 @@ def _features(
         told.append(place | {k: cell for k, cell in properties.items() if k.lower() not in place})
     head = list(dict.fromkeys(["x", "y", *chain.from_iterable(told)]))
     cells = [["" if one.get(name) is None else str(one[name]) for name in head] for one in told]
-    return _Sheet(path, head, list(enumerate(cells, 1)), crs)
+    return Sheet(path, head, list(enumerate(cells, 1)), crs)
 
 
 def _shape(geometry: Mapping[str, Any]) -> dict[str, Any]:
@@ -709,16 +540,16 @@ READERS |= dict.fromkeys((".gpkg", ".shp", ".fgb", ".zip"), _layer)
 UNREAD = (".xls", ".ods", ".parquet", ".dbf", ".kml", ".kmz", ".gpx", ".pdf", ".doc", ".docx")
 
 
-def _sheet(path: Path) -> _Sheet:
+def _sheet(path: Path) -> Sheet:
     """Read the cells of a table by the ending of its name, and tell its columns."""
     ending = path.suffix.lower()
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
-            _unpacked(path, sum(entry.file_size for entry in archive.infolist()))
+            refuse_unpacked(path, sum(entry.file_size for entry in archive.infolist()))
     if ending in UNREAD:
         raise SpecError(
             str(path), f"is a kind of table that is not read, {ending}; save it as .csv or .xlsx"
         )
-    sheet = READERS.get(ending, _text)(path)
-    sheet.columns = _columns(path, sheet.head)
+    sheet = READERS[ending](path) if ending in READERS else read_text(path, partial(_is_head, path))
+    sheet.columns, sheet.nothing = _columns(path, sheet.head), NOTHING
     return sheet

@@ -15,8 +15,6 @@ surface, "all" of it, or the "outline" that a scanner sees.
 
 from __future__ import annotations
 
-import csv
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,6 +33,7 @@ from ..formats.atomic import replacing
 from ..formats.foreign import guarded
 from ..formats.ownership import claim, remove
 from ..formats.stl import StlError, read_stl, write_stl
+from ..formats.table import read_columns
 from ..formats.toml_file import VERSION_KEY, read_settings
 from ..spec import Allometry, Siblings, SpecError, Species, quoted_with_hints, unknown
 from .likeness import Verdict, judge
@@ -114,36 +113,15 @@ def read_measured(path: Path) -> dict[str, np.ndarray]:
     ------
     SpecError : the file is missing, has no such columns, or a cell that is no number.
     """
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(file))
-    needed = ("species", "pft", *COLUMNS.values())
-    missing = [key for key in needed if not rows or key not in rows[0]]
-    if missing:
-        raise SpecError(str(path), f"has no column {missing[0]}; it needs {', '.join(needed)}")
-    table = {key: np.array([row[key] or "" for row in rows]) for key in ("species", "pft")}
-    table["study"] = np.array([row.get("study") or "" for row in rows])
-    for key, column in COLUMNS.items():
-        table[key] = np.array(
-            [_number(path, line, column, row[column]) for line, row in enumerate(rows, 2)]
-        )
-    way = np.array([row.get("leaf_area_is") or "" for row in rows])
+    sheet = read_columns(path, "species", "pft", *COLUMNS.values())
+    table = {key: np.array(sheet.texts(key), np.str_) for key in ("species", "pft", "study")}
+    table |= {key: sheet.numbers(column) for key, column in COLUMNS.items()}
+    way = np.array(sheet.texts("leaf_area_is"), np.str_)
     table["dbh"] *= np.array([DIAMETER_UNITS.get(str(name), 1.0) for name in table["study"]])
     table["leaf_area"] = half_of_surface(
         table["leaf_area"], table["species"], table["pft"], table["study"], way
     )
     return table
-
-
-def _number(path: Path, line: int, column: str, text: str | None) -> float:
-    if not text or text.strip() in ("", "NA"):
-        return math.nan
-    try:
-        return float(text)
-    except ValueError:
-        raise SpecError(
-            str(path),
-            f'row {line}: {column} is "{text}", not a number; correct it or leave it empty',
-        ) from None
 
 
 def find_species(name: str, folder: Path) -> Path:

@@ -29,7 +29,8 @@ from ..formats.helios.parts import read_obj
 from ..formats.ply import read_surface
 from ..formats.raster_file import GeoRaster, linear_between, read_raster
 from ..formats.stl import read_stl
-from ..formats.tree_map import LENGTHS, NUMBERS, TreeMap, read_tree_map
+from ..formats.table import LENGTHS
+from ..formats.tree_map import NUMBERS, TreeMap, read_tree_map
 from ..growth.library import read_allometry
 from ..spec import SpecError
 from ..spec.forest import METRES

@@ -35,16 +35,16 @@ def test_a_pattern_is_read_in_degrees_hertz_and_decibels(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "angle_deg"),
+        ("", "is empty"),
         ("angle,60000\n0,0\n", "angle_deg"),
         ("angle_deg,high\n0,0\n9,1\n", "no frequency"),
         ("angle_deg,60000\n5,0\n9,1\n", "rise from 0"),
         ("angle_deg,60000\n0,0\n0,1\n", "rise from 0"),
         ("angle_deg,70000,60000\n0,0,0\n5,1,1\n", "left to right"),
         ("angle_deg,60000\n0,0\n5\n", "row 3 has 1 values"),
-        ("angle_deg,60000\n0,0\n5,1,5\n", "give 2"),
-        ("angle_deg,60000\n0,zero\n5,1\n", "numbers with a point"),
-        ("angle_deg,60000\n0,0\n5,nan\n", "not finite"),
+        ("angle_deg,60000\n0,0\n5,1,5\n", "its header 2"),
+        ("angle_deg,60000\n0,zero\n5,1\n", 'is "zero", not a finite number'),
+        ("angle_deg,60000\n0,0\n5,nan\n", "row 3 has no 60000"),
     ],
 )
 def test_bad_patterns_are_refused(tmp_path: Path, text: str, words: str) -> None:
@@ -70,7 +70,7 @@ def test_routes(tmp_path: Path) -> None:
     for text, words in (
         (timed.format(4, 4), "must rise"),
         ("x_m,y_m\n0,0\n", "needs the columns"),
-        ("x_m,y_m,z_m,azimuth_deg,elevation_deg\n", "no poses"),
+        ("x_m,y_m,z_m,azimuth_deg,elevation_deg\n", "no rows below"),
         ("x_m,y_m,z_m,azimuth_deg,elevation_deg,beam_width_deg\n0,0,0,0,0,0\n", "larger than 0"),
         ("x_m,y_m,z_m,azimuth_deg,elevation_deg,speed\n0,0,0,0,0,0\n", "may have"),
     ):

@@ -385,7 +385,7 @@ def test_degrees_far_from_the_map_are_refused(tmp_path, place, said):
             "no azimuth above 6.3; call the column azimuth_rad",
         ),
         ("x,y,dbh\n1,1,.2\n2,2,.2\n1,1,.2\n", "row 4 is row 2 again, cell for cell"),
-        ("id,x,y,dbh\n1,1,1,.2\nMean,1.5,1.5,.2\n", 'row 3 begins with "Mean" and is no tree'),
+        ("id,x,y,dbh\n1,1,1,.2\nMean,1.5,1.5,.2\n", 'row 3 begins with "Mean", as a sum of others'),
         ("x;y\n4,57E+05;5,41E+06\n", 'x is "4,57E\\+05", which a spreadsheet has rounded'),
         ("utm_zone,x,y\n32U,5e5,5.4e6\n33U,5e5,5.4e6\n", "several UTM zones"),
         ("x,y,h,hcb\n1,1,10,3\n2,2,10,12\n", "row 3: the crown begins above the top"),

@@ -18,8 +18,6 @@ Levels are dB re the axis, or re anything else: they are used as they are. ``-in
 
 from __future__ import annotations
 
-import csv
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +25,7 @@ import numpy as np
 from scipy import linalg
 
 from ...formats.foreign import guarded
+from ...formats.table import read_columns
 from ...spec import Reverb, SpecError
 
 
@@ -117,17 +116,17 @@ def read_directivity(path: Path) -> Directivity:
     ------
     SpecError : it is missing, has a cell that is no number, or does not reach from 0 to 180°.
     """
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    if len(rows) < 3 or len(rows[0]) < 2:
+    try:
+        sheet = read_columns(path)
+        head, sheet.lowest = [*sheet.columns], -np.inf
+        frequency = np.array([float(name.replace(",", ".")) for name in head[1:]])
+        levels = sheet.matrix(*head)
+    except SpecError as problem:
+        raise _wrong(path, problem.problem) from None
+    except ValueError:
+        raise _wrong(path, "its header must name frequencies in Hz, as 125") from None
+    if len(levels) < 2 or not len(frequency):
         raise _wrong(path, "needs a header with frequencies and at least two rows of angles")
-    frequency = np.array([_number(path, 1, cell) for cell in rows[0][1:]])
-    table = []
-    for line, row in enumerate(rows[1:], 2):
-        if len(row) != len(rows[0]):
-            raise _wrong(path, f"line {line} has {len(row)} cells, the header {len(rows[0])}")
-        table.append([_number(path, line, cell) for cell in row])
-    levels = np.array(table)
     angle = levels[:, 0]
     if angle[0] != 0 or angle[-1] != 180 or (np.diff(angle) <= 0).any():
         raise _wrong(path, "its angles must rise from 0 to 180 degrees")
@@ -136,16 +135,6 @@ def read_directivity(path: Path) -> Directivity:
     if not (levels[:, 1:] <= 200).all():
         raise _wrong(path, "its levels must be below 200 dB")
     return Directivity(np.deg2rad(angle), frequency, 10.0 ** (levels[:, 1:] / 20.0))
-
-
-def _number(path: Path, line: int, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        raise _wrong(path, f'line {line}: "{cell.strip()}" is not a number') from None
-    if math.isnan(value):
-        raise _wrong(path, f"line {line}: NaN is not a number to use")
-    return value
 
 
 def _wrong(path: Path, problem: str) -> SpecError:

@@ -16,7 +16,6 @@ Metres and seconds; other columns are not read. Between the times of a path it i
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from ...formats.foreign import guarded
+from ...formats.table import read_columns
 from ...spec import Reverb, SpecError
 
 Places = Mapping[str, tuple[float, float, float]]
@@ -192,7 +192,7 @@ def read_microphones(path: Path) -> np.ndarray:
     ------
     SpecError : it is missing, lacks a column, has a cell that is no number, or too many rows.
     """
-    microphones = _columns("array_file", path, ("x", "y", "z"))
+    microphones = _columns("array_file", path, "x", "y", "z")
     if len(microphones) > MOST_MICROPHONES:
         raise SpecError(
             "array_file", f"{path.name} has {len(microphones)} microphones; give at most 256"
@@ -208,7 +208,7 @@ def read_path(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
     ------
     SpecError : as above; times do not rise; fewer than two rows; a place that is not above the ground.
     """
-    rows = _columns(key, path, ("time", "x", "y", "z"))
+    rows = _columns(key, path, "time", "x", "y", "z")
     if len(rows) < 2 or (np.diff(rows[:, 0]) <= 0).any():
         raise SpecError(key, f"{path.name} needs two rows or more, whose times rise")
     if (rows[:, 3] <= 0).any():
@@ -216,25 +216,10 @@ def read_path(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
     return rows[:, 0], rows[:, 1:]
 
 
-def _columns(key: str, path: Path, names: tuple[str, ...]) -> np.ndarray:
+def _columns(key: str, path: Path, *names: str) -> np.ndarray:
     """(N, columns) numbers."""
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    header = [cell.strip().lower() for cell in rows[0]] if rows else []
-    if [name for name in names if name not in header] or len(rows) < 2:
-        raise SpecError(
-            key, f"{path.name} needs a header with {', '.join(names)} and at least one row"
-        )
-    places = [header.index(name) for name in names]
-    numbers = []
-    for line, row in enumerate(rows[1:], 2):
-        try:
-            values = [float(row[place]) for place in places]
-        except (ValueError, IndexError):
-            values = [math.nan]
-        if not all(map(math.isfinite, values)):
-            raise SpecError(
-                key, f"{path.name}: line {line} lacks a number; give {', '.join(names)}"
-            )
-        numbers.append(values)
-    return np.array(numbers)
+    try:
+        rows = read_columns(path, *names).matrix(*names)
+    except SpecError as problem:
+        raise SpecError(key, f"{path.name}: {problem.problem}") from None
+    return rows

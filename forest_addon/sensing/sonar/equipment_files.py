@@ -9,7 +9,6 @@ call is a WAV file. Names are relative to the folder of the scene file, or else 
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import numpy as np
 from ...base.places import ASSETS, FORMER
 from ...formats.foreign import guarded
 from ...formats.sofa import HeadResponses, read_head
+from ...formats.table import read_columns
 from ...formats.wav import read_wav
 from ...spec import Sonar, SpecError
 from ..trajectory import Trajectory, looking
@@ -95,7 +95,8 @@ def read_patterns(path: Path) -> tuple[BeamPattern, ...]:
     ------
     SpecError : a column that is no frequency, angles that do not rise from 0, a level that is no number.
     """
-    head, rows = _numbers(path)
+    sheet = read_columns(path)
+    head = [*sheet.columns]
     round_about = head[:1] != ["angle_deg"]
     keys = [name for name in (*SPHERE, EAR) if name in head] if round_about else ["angle_deg"]
     if len(head) <= len(keys) or (round_about and not {*SPHERE} <= {*head}):
@@ -106,7 +107,7 @@ def read_patterns(path: Path) -> tuple[BeamPattern, ...]:
         )
     columns = [number for number, name in enumerate(head) if name not in keys]
     try:
-        frequency = np.array([float(head[number]) for number in columns])
+        frequency = np.array([float(head[number].replace(",", ".")) for number in columns])
     except ValueError:
         raise SpecError(
             str(path), "has a column that is no frequency; name them 60000, 70000"
@@ -114,6 +115,7 @@ def read_patterns(path: Path) -> tuple[BeamPattern, ...]:
     rising = np.isfinite(frequency).all() and (np.diff(frequency) > 0).all()
     if not rising or frequency[0] <= 0:
         raise SpecError(str(path), "needs frequencies in Hz that rise from left to right")
+    rows = sheet.matrix(*head)
     level = rows[:, columns]
     if round_about:
         return _spheres(path, {name: rows[:, head.index(name)] for name in keys}, frequency, level)
@@ -177,16 +179,12 @@ def read_route(path: Path, speed: float) -> Trajectory:
     not
         rise.
     """
-    head, rows = _numbers(path)
-    allowed = (*PLACES, WIDTH, TIME)
-    missing = [name for name in PLACES if name not in head]
-    if missing or not set(head) <= set(allowed):
+    sheet = read_columns(path, *PLACES)
+    if not {*sheet.columns} <= {*PLACES, WIDTH, TIME}:
         raise SpecError(
             str(path), f"needs the columns {', '.join(PLACES)} and may have {WIDTH}, {TIME}"
         )
-    if not len(rows):
-        raise SpecError(str(path), "has no poses; give one a row")
-    column = {name: rows[:, number] for number, name in enumerate(head)}
+    column = dict(zip(sheet.columns, sheet.matrix(*sheet.columns).T, strict=True))
     width = np.deg2rad(column[WIDTH]) if WIDTH in column else None
     if width is not None and not (width > 0).all():
         raise SpecError(str(path), f"{WIDTH} must be larger than 0")
@@ -241,22 +239,3 @@ def read_noise(path: Path, sonar: Sonar, level_db: float | None) -> Call:
         return sound
     loud = REFERENCE * 10.0 ** (level_db / 20.0)
     return replace(sound, samples=sound.samples * (loud / np.sqrt(np.mean(sound.samples**2))))
-
-
-def _numbers(path: Path) -> tuple[list[str], np.ndarray]:
-    """Header and rows (R, C) of a CSV of numbers; lines that start with # are passed over."""
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        lines = [row for row in csv.reader(line for line in file if line[:1] != "#") if row]
-    head = [name.strip() for name in lines[0]] if lines else []
-    for number, row in enumerate(lines[1:], start=2):
-        if len(row) != len(head):
-            raise SpecError(str(path), f"row {number} has {len(row)} values; give {len(head)}")
-    try:
-        rows = np.array([[float(value) for value in row] for row in lines[1:]], dtype=np.float64)
-    except ValueError:
-        raise SpecError(
-            str(path), "has a cell that is no number; write numbers with a point"
-        ) from None
-    if not np.isfinite(rows).all():
-        raise SpecError(str(path), "holds a number that is not finite")
-    return head, rows.reshape(len(lines) - 1 if lines else 0, len(head))

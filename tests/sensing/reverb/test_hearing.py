@@ -290,9 +290,16 @@ def test_a_directivity_by_frequency_filters_direct_and_trees() -> None:
         np.testing.assert_allclose(ratio[heard], speaker.at(cosine, frequency[heard]), atol=3e-3)
 
 
-def test_a_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        "angle_deg, 500, 2000\n0, 0, 0\n90, -6.0206, -20\n180, -inf, -40\n",
+        "angle_deg;500,0;2000\n0;0;0\n90;-6,0206;-20\n180;-inf;-40\n",
+    ],
+)
+def test_a_file(tmp_path: Path, text: str) -> None:
     file = tmp_path / "speaker.csv"
-    file.write_text("angle_deg, 500, 2000\n0, 0, 0\n90, -6.0206, -20\n180, -inf, -40\n")
+    file.write_text(text)
     found = read_directivity(file)
     np.testing.assert_allclose(found.gain, [[1, 1], [0.5, 0.1], [0, 0.01]], atol=1e-5)
     np.testing.assert_allclose(found.frequency, [500, 2000])
@@ -303,9 +310,9 @@ def test_a_file(tmp_path: Path) -> None:
     [
         ("angle,500\n0,0\n", "two rows"),
         ("angle,500\n0,0\n90,0\n", "0 to 180"),
-        ("angle,500\n0,0\n180,loud\n", '"loud" is not a number'),
-        ("angle,500\n0,0\n180,nan\n", "NaN"),
-        ("angle,500\n0,0\n180,0,0\n", "3 cells"),
+        ("angle,500\n0,0\n180,loud\n", '500 is "loud", not a finite number'),
+        ("angle,500\n0,0\n180,nan\n", "row 3 has no 500"),
+        ("angle,500\n0,0\n180,0,0\n", "row 3 has 3 values, its header 2"),
         ("angle,500,250\n0,0,0\n180,0,0\n", "must rise"),
         ("angle,500\n0,900\n180,0\n", "200 dB"),
     ],
@@ -566,7 +573,7 @@ def test_what_waits_sounds_as_what_stands(tmp_path: Path) -> None:
 
 
 def test_moments_places_and_words(tmp_path: Path) -> None:
-    (tmp_path / "mics.csv").write_text("x,y,z\n0,0,0\n0,1,0\n")
+    (tmp_path / "mics.csv").write_text("Messe\nX;Y;Z;Name\n0;0;0;links\n0;1,0;0;rechts\n", "utf-16")
     path = walk(tmp_path, "p.csv", (1, 0, 0, 1), (2, 4, 0, 1))
     reverb = Reverb(receiver_path=path, path_step=0.5, array_file="mics.csv")
     ends = ends_of(reverb, None, tmp_path)

@@ -9,7 +9,6 @@ from north.
 
 from __future__ import annotations
 
-import csv
 import warnings
 from pathlib import Path
 
@@ -18,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from ....formats.atomic import replacing
 from ....formats.crs import to_map
-from ....formats.foreign import guarded, numbers
+from ....formats.foreign import guarded
+from ....formats.table import read_columns
 from ....spec import SpecError
 from ..pattern import Pattern
 
@@ -55,15 +55,7 @@ def read_poses(path: Path) -> np.ndarray:
     ------
     SpecError : columns are missing, or a value is no number.
     """
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        lines = [*csv.reader(line for line in file if line.strip() and line[:1] != "#")]
-    head = [name.strip() for name in lines[0]] if lines else []
-    missing = [name for name in COLUMNS if name not in head]
-    if missing:
-        raise SpecError(str(path), f"lacks the columns {', '.join(missing)}")
-    place = [head.index(name) for name in COLUMNS]
-    rows = [[(row + [""] * len(head))[number] for number in place] for row in lines[1:]]
-    return numbers(rows, path, "numbers").reshape(-1, len(COLUMNS))
+    return read_columns(path, *COLUMNS).matrix(*COLUMNS)
 
 
 @guarded("an SBET")
