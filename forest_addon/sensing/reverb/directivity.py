@@ -120,7 +120,7 @@ def read_directivity(path: Path) -> Directivity:
         sheet = read_columns(path)
         head, sheet.lowest = [*sheet.columns], -np.inf
         frequency = np.array([float(name.replace(",", ".")) for name in head[1:]])
-        levels = sheet.matrix(*head)
+        levels = sheet.matrix(*head) if head[1:] else np.empty((0, 1))
     except SpecError as problem:
         raise _wrong(path, problem.problem) from None
     except ValueError:
