@@ -295,20 +295,21 @@ def shared_once(corners: np.ndarray) -> float:
     column = first[triangle] + np.stack(
         [place // count[triangle, 1], place % count[triangle, 1]], axis=1
     )
-    height, sign, hit = _crossings(corners[triangle], column * cell + shift)
+    height, sign, hit = _crossings(corners.T.take(triangle, axis=2), column * cell + shift)
     return _ratio(column[hit], height[hit], sign[hit])
 
 
 def _crossings(corners: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Height and sign (M,) of upright lines through (M, 2) with triangles (M, 3, 3); whether they meet."""
+    """Height and sign (M,) of upright lines through (M, 2) with triangles (axis, corner, M); whether they
+    meet."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    u, v, w = b - a, c - a, at - a[:, :2]
-    twice = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    u, v, w = b - a, c - a, at.T - a[:2]
+    twice = u[0] * v[1] - u[1] * v[0]
     safe = np.where(twice == 0, 1.0, twice)
-    p = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / safe
-    q = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / safe
+    p = (w[0] * v[1] - w[1] * v[0]) / safe
+    q = (u[0] * w[1] - u[1] * w[0]) / safe
     hit = (twice != 0) & (p >= 0) & (q >= 0) & (p + q <= 1)
-    return a[:, 2] + p * u[:, 2] + q * v[:, 2], -np.sign(twice), hit
+    return a[2] + p * u[2] + q * v[2], -np.sign(twice), hit
 
 
 def _ratio(column: np.ndarray, height: np.ndarray, sign: np.ndarray) -> float:

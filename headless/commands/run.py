@@ -21,13 +21,16 @@ def run(chosen: argparse.Namespace) -> None:
         raise SpecError("--seed", "belongs to a scene file; what stands in a .blend has one")
     settings = Scene() if is_blend else read_scene(scene, chosen.seed, dry)
     with hushed():  # Blender says where its colours come from
-        from ..dataset.engine import Cluster
         from ..pipeline import claim_files, run_blend, run_scene
-        from ..tiled import run_in_tiles
     if not is_blend:
         claim_files(settings, chosen.out, dry)
     how = {"quiet": chosen.quiet, "resume": chosen.resume, "strict": chosen.strict}
     if settings.tiles.size:
+        from ..dataset.engine import (
+            Cluster,
+        )  # here: other scenes need neither workers nor catalogues
+        from ..tiled import run_in_tiles
+
         if chosen.convolve:
             raise SpecError("--convolve", "needs a reverb, which cannot be run in tiles")
         cluster = Cluster(workers, chosen.scheduler, chosen.slurm)

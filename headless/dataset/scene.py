@@ -75,6 +75,7 @@ class Session:
         self.expansions = Expansions()
         self.served = 0  # scenes
         self._trees: LastAsked[tuple, Tree] = LastAsked(MOST_KEPT, lambda tree: tree.nbytes)
+        self.clear()
 
     def clear(self) -> None:
         """Have Blender forget the scene; what it held would else stay until the next one is opened."""
@@ -122,7 +123,9 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
     keep, root = Keep(**recipe.keep), Path(recipe.folder)
     with work.stage("read"):
         site = ForestSite.read(recipe.settings(), root)
-        _open(site.scene, root)
+        if site.scene.blend:
+            with hushed():
+                open_file(root / site.scene.blend)
     with work.stage("place"):
         site = _place(recipe, site, folder)
         settings = site.scene
@@ -187,13 +190,6 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
         },
         "seconds": work.seconds,
     }
-
-
-def _open(settings: Scene, root: Path) -> None:
-    with hushed():
-        empty_file()
-        if settings.blend:
-            open_file(root / settings.blend)
 
 
 def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:

@@ -198,11 +198,12 @@ def echo_density(
 
     step : seconds between frames.
     """
-    from scipy import signal  # here: it takes half a second to import
-
     energy = np.square(np.asarray(samples, np.float64))
-    window = signal.windows.tukey(max(3, round(ECHO_WINDOW * sample_rate)))
-    mean = signal.fftconvolve(energy, window / window.sum(), mode="same")
+    share = np.linspace(0.0, 1.0, max(3, round(ECHO_WINDOW * sample_rate)))
+    window = 0.5 - 0.5 * np.cos(math.pi * np.minimum(1.0, 4.0 * np.minimum(share, 1.0 - share)))
+    size = fft.next_fast_len(len(energy) + len(window) - 1, real=True)
+    spectrum = fft.rfft(energy, size) * fft.rfft(window / window.sum(), size)
+    mean = fft.irfft(spectrum, size)[(len(window) - 1) // 2 :][: len(energy)]
     floor = 1e-12 * energy.max(initial=0.0)  # what the transform of the convolution leaves
     level = np.divide(energy, mean, out=np.zeros_like(energy), where=mean > floor)
     length = max(2, round(ECHO_FRAME * sample_rate))
