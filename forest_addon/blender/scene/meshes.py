@@ -34,7 +34,6 @@ from .attributes import places_of, read, write
 from .instances import ASSET_KEY
 
 # Arrays that were written, for as long as others hold them: what is read back the same is held once.
-TOLD = 4096  # rows, about, by which one is known again
 _written: WeakValueDictionary[tuple[str, tuple[int, ...], int], np.ndarray] = WeakValueDictionary()
 
 
@@ -94,9 +93,12 @@ def _once(values: np.ndarray) -> np.ndarray:
 
 
 def _told(values: np.ndarray) -> tuple[str, tuple[int, ...], int]:
-    """Type and shape of an array, and a checksum of some of it: ``_once`` compares all."""
-    some = values[:: 1 + len(values) // TOLD]
-    return values.dtype.str, values.shape, crc32(np.ascontiguousarray(some))
+    """Type and shape of an array, and a checksum of some thousand rows: ``_once`` compares all."""
+    return (
+        values.dtype.str,
+        values.shape,
+        crc32(np.ascontiguousarray(values[:: 1 + len(values) // 4096])),
+    )
 
 
 def _triangles(data: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray | slice]:
