@@ -68,7 +68,7 @@ class CommandEndedError(Exception):
     """End of the command in the middle of the dataset."""
 
 
-def run(say: Say) -> None:
+def run(say: Say, _: object) -> None:
     """Print the overhead a scene, without losses and with them."""
     head = ["scenes", "workers", "mean scene, s", "lost", "done", "made twice"]
     cost = ["plan, ms a scene", "command, ms", "scheduler, ms", "overhead"]

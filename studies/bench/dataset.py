@@ -57,7 +57,7 @@ FROM, TO, NEAR = (
 )  # scenes between which a worker's memory is compared, medians of so many
 
 
-def run(say: Say) -> None:
+def run(say: Say, _: object) -> None:
     """Print speed by plan and stage, scaling and memory."""
     found = {
         what: estimate(read_plan(PLANS / f"{name}.toml", changed), lambda text: None, count)

@@ -2,13 +2,13 @@
 
 Among a thousand birches of four variants (``assets/scenes/flight-poisson.toml``). A step is a whole one:
 the body moves, what it touches is looked for, the rays are cast, and what is sensed is an observation.
-Flights that end are set out again outside of what is timed. CPU time of one thread, the median of several
-runs, warm; what is made once for a scene is told apart.
 """
 
 from __future__ import annotations
 
-import time
+from functools import partial
+from itertools import count as counting
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -18,114 +18,101 @@ from forest_addon.api import Rays, read
 from ..inside import (
     ASSETS,
     EarSense,
+    EmbreeCaster,
     Flyers,
     LidarSense,
-    Say,
     Stock,
     empty_file,
     lidar_of,
     sonar_of,
-    stream,
 )
-from ..tables import table
+from .lidar import against_brute_force, embree_alone
+from .rows import Row, Rows
 
 TITLE = "flight: steps, pings and resets"
+WORDS = """\
+How many: steps of all flyers, or pings of two ears, 40 to 80 kHz, as the scene has them. Wanted are resets
+of 300 ms; 2,000 steps a second of 64 rays, 600 of 1,024, 10,000 of 64 flyers; 30 pings a second, 10 of
+exact discs. Errors of steps are those of rays from where the flyers are.
+"""
 SCENE = ASSETS / "scenes" / "flight-poisson.toml"
-STEPS, RUNS, PINGS = 200, 5, 4
-AIMS = {("64", "1"): 2000, ("1,024", "1"): 600, ("64", "64"): 10_000, ("1,024", "64"): None}
+STEPS, PINGS, CHECKED = 40, 4, 64
+FLOWN = ((64, 1), (1024, 1), (64, 64), (1024, 64))  # rays, flyers
+MODELS = ("paper", "piston", "exact")
 
 
-def run(say: Say) -> None:
-    """Print the tables."""
-
+def _stock() -> Stock:
     empty_file()
-    begun = time.thread_time()
-    stock = Stock(read(SCENE).changed(rays=Rays(threads=1)), SCENE.parent)
-    grown = time.thread_time() - begun
-    first = stock.surroundings(1)
-    _ = first.caster
-    made = time.thread_time() - begun - grown
-    again = []
-    for seed in range(2, 2 + RUNS):
-        start = time.thread_time()
-        around = stock.surroundings(seed)
-        _ = around.caster
-        again.append(time.thread_time() - start)
-    trees = len(first.forest.stand) if first.forest else 0
-    say(
-        f"{trees:,} trees. Once a scene: grown and built {grown:.1f} s, rays' trees and cells {made:.1f} s."
-    )
-    say(f"Reset with a new forest: {np.median(again):.3f} s (aim 0.3 s).\n")
-
-    settings = stock.settings
-    base = lidar_of(settings)
-    rows = []
-    for (rays, flyers), aim in AIMS.items():
-        lidar = LidarSense(base.changed(pulse_rate=base.line_rate * int(rays.replace(",", ""))))
-        rate, parts = _steps(stock, first, lidar, int(flyers))
-        rows.append(
-            [
-                rays,
-                flyers,
-                f"{rate:,.0f}",
-                f"{aim:,}" if aim else "",
-                f"{parts[0]:.0f}",
-                f"{parts[1]:.0f}",
-            ]
-        )
-    table(say, ["rays", "flyers", "flyer-steps/s", "aim", "moving, µs", "sensing, µs"], rows)
-
-    say("\nPings of two ears, 40 to 80 kHz, as the scene has them:\n")
-    rows = []
-    sonar = sonar_of(settings)
-    for what, wood in (("leaves", False), ("leaves and wood", True)):
-        for model, aim in (("paper", 30), ("piston", 30), ("exact", 10)):
-            ears = EarSense(sonar.changed(leaf_model=model, wood=wood), settings.air)
-            rate, heard = _pings(stock, first, ears)
-            rows.append([what, model, f"{heard:,.0f}", f"{rate:.1f}", f"{aim}"])
-    table(say, ["what sounds", "leaf model", "heard, mean", "pings/s", "aim"], rows)
+    return Stock(read(SCENE).changed(rays=Rays(threads=1)), SCENE.parent)
 
 
-def _steps(stock: Any, around: Any, lidar: Any, count: int) -> tuple[float, tuple[float, float]]:
-    """Flyer-steps a second, and µs a step of moving and of sensing."""
+def _reset() -> Row:
+    stock, seeds = _stock(), counting(2)
+    return Row(lambda: stock.surroundings(next(seeds)).caster)
 
-    flyers = Flyers(stock.settings.flight, count, lidar, None)
-    flyers.enter(around)
+
+def _flyers(count: int, lidar: Any, ears: Any, stock: Stock) -> Flyers:
+    flyers = Flyers(stock.settings.flight, count, lidar, ears)
+    flyers.enter(stock.surroundings(1))
     flyers.start(range(count), range(count))
-    rng = stream(0, "bench", "flight")
-    action = np.zeros((count, 3))
-    rates, moving, sensing = [], [], []
-    steps = max(20, STEPS // count)
-    for _ in range(RUNS):
-        moved = sensed = 0.0
-        for _ in range(steps):
-            action[:, 0] = rng.uniform(-0.3, 0.3, count)
-            start = time.thread_time()
-            out = flyers.step(action)
-            middle = time.thread_time()
+    return flyers
+
+
+def _rays_of(rays: int, count: int) -> tuple[Flyers, EmbreeCaster, tuple[np.ndarray, ...], float]:
+    """Flyers, their caster, and their rays with their reach."""
+    stock = _stock()
+    base = lidar_of(stock.settings)
+    scanner = base.changed(pulse_rate=base.line_rate * rays)
+    sense = LidarSense(scanner)
+    flyers = _flyers(count, sense, None, stock)
+    ways = np.tile(sense.ways, (count, 1))
+    at = np.repeat(flyers.state.position, rays, axis=0)
+    return flyers, stock.surroundings(1).caster, (at, ways), scanner.max_range
+
+
+def _steps(rays: int, count: int) -> Row:
+    flyers, caster, (at, ways), _ = _rays_of(rays, count)
+    action = np.zeros((count, flyers.state.position.shape[1]))
+    some = np.linspace(0, len(at) - 1, CHECKED).astype(np.int64)
+    checked = against_brute_force(caster, at[some], ways[some])
+
+    def work() -> None:
+        for _ in range(STEPS):
             flyers.sense()
-            sensed += time.thread_time() - middle
-            moved += middle - start
-            over = np.flatnonzero(out.ended).tolist()
-            if over:
-                flyers.start(over, rng.integers(2**31, size=len(over)).tolist())
-        rates.append(count * steps / (moved + sensed))
-        moving.append(1e6 * moved / steps)
-        sensing.append(1e6 * sensed / steps)
-    return float(np.median(rates)), (float(np.median(moving)), float(np.median(sensing)))
+            over = np.flatnonzero(flyers.step(action).ended).tolist()
+            flyers.start(over, over)
+
+    return Row(work, checked, STEPS * count)
 
 
-def _pings(stock: Any, around: Any, ears: Any) -> tuple[float, float]:
-    """Pings a second from places all over the forest, and scatterers that are in the sum."""
+def _sensing(rays: int, count: int) -> Row:
+    flyers = _rays_of(rays, count)[0]
+    return Row(flyers.sense, many=count)
 
-    flyers = Flyers(stock.settings.flight, PINGS + 1, None, ears)
-    flyers.enter(around)
-    flyers.start(range(PINGS + 1), range(PINGS + 1))
-    ears.ping(around, flyers.state, PINGS)
-    taken, heard = [], []
-    for row in range(PINGS):
-        start = time.thread_time()
-        echo = ears.ping(around, flyers.state, row)
-        taken.append(time.thread_time() - start)
-        heard.append(len(echo.heard))
-    return 1.0 / float(np.mean(taken)), float(np.mean(heard))
+
+def _alone(rays: int, count: int) -> Row:
+    _, caster, sent, reach = _rays_of(rays, count)
+    return embree_alone(caster, *sent, reach, many=count)
+
+
+def _pings(model: str, wood: bool) -> Row:
+    stock = _stock()
+    sonar = sonar_of(stock.settings).changed(leaf_model=model, wood=wood)
+    ears = EarSense(sonar, stock.settings.air)
+    flyers, around = _flyers(PINGS, None, ears, stock), stock.surroundings(1)
+    turn = cycle(range(PINGS))
+
+    def work() -> Any:
+        return ears.ping(around, flyers.state, next(turn))
+
+    return Row(work, lambda echo: f"- ({len(echo.heard):,} heard)")
+
+
+ROWS: Rows = {
+    "reset with a new forest": _reset,
+    **{f"steps, {f} flyers of {r} rays": partial(_steps, r, f) for r, f in FLOWN},
+    **{f"sensing alone, {f} flyers of {r} rays": partial(_sensing, r, f) for r, f in FLOWN},
+    **{f"Embree alone, {f} flyers of {r} rays": partial(_alone, r, f) for r, f in FLOWN[:3]},
+    **{f"pings of leaves, {m}": partial(_pings, m, False) for m in MODELS},
+    **{f"pings of leaves and wood, {m}": partial(_pings, m, True) for m in MODELS},
+}

@@ -10,12 +10,13 @@ stands at the upper rim.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from forest_addon.api import Air, Sonar, Terrestrial
+from forest_addon.api import Air, Echo, Sonar
 
 from ..inside import (
     INK,
@@ -29,9 +30,10 @@ from ..inside import (
     scan,
     stream,
 )
-from ..tables import median_seconds, table
-from . import reverb as reverb
-from .lidar import BEAM, ONE_THREAD, forest
+from ..tables import table
+from . import reverb
+from .lidar import BEAM, FROM_OUTSIDE, ONE_THREAD, forest
+from .rows import Row, Rows, Told
 
 TITLE = "frontier: all simulators, error against seconds"
 ASSUMPTIONS = """\
@@ -44,9 +46,10 @@ with its rays as pulses, SIMLIDAR its own orchard. Errors of others follow from 
 comparison: HELIOS++ rounds echoes to 7.49 cm, a quarter of it is the median; Kaneko & Gamper's bins of 1°
 and 10 m are 2 to 6 % off. That of direct sums is rounding, about 1e-13, which is not measured either.
 """
+WORDS = ASSUMPTIONS
 PULSES = 1e6
 SUBRAYS, MANY = (1, 7, 19, 61), 397
-LEAVES, TRUNKS, RATE = 100_000, 100_000, 24e3
+LEAVES, FEW, TRUNKS = 100_000, 5_000, 100_000
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 DIRECT = 1e-13  # of a direct sum, its rounding, about
 STEP = 0.0749  # m, that HELIOS++ rounds echoes to
@@ -69,67 +72,29 @@ class Mark:
         return self.error
 
 
-def run(say: Say) -> Figure:
-    """Print all marks and draw them; about a minute."""
-    tasks = {
-        "a million pulses, ten trees": _lidar(),
-        "one ping, 100,000 leaves": _sonar(),
-        "one response, 100,000 trunks": _reverb(),
-    }
-    rows = [
-        [
-            task,
-            mark.name,
-            f"{mark.seconds:.3g}",
-            _words(mark.error),
-            "here" if mark.ours else "theirs",
-        ]
-        for task, marks in tasks.items()
-        for mark in marks
-    ]
-    say(ASSUMPTIONS)
-    table(say, ["task", "simulator", "s", "relative error", "measured"], rows)
-    return _draw(tasks)
-
-
-def _lidar() -> list[Mark]:
+def _first_range(subrays: int) -> Row:
     caster = make_caster(forest(10, 200_000), ONE_THREAD)
-    scanner = Terrestrial(
-        position=(-5.0, -5.0, 1.6),
-        azimuth_deg=(20.0, 70.0),
-        elevation_deg=(0.0, 40.0),
-        angle_step_deg=1.5,
-    )
 
-    def first(subrays: int) -> np.ndarray:
-        cloud = scan(replace(scanner, beam=replace(BEAM, subrays=subrays, max_returns=15)), caster)
+    def first(count: int = subrays) -> np.ndarray:
+        beam = replace(BEAM, subrays=count, max_returns=15)
+        cloud = scan(FROM_OUTSIDE.changed(angle_step_deg=1.5, beam=beam), caster)
         ranges = np.full(cloud.pulses, np.nan)
         leading = cloud.number == 1
         ranges[cloud.pulse[leading]] = cloud.true_range[leading]
         return ranges
 
-    true = first(MANY)
-    middle = float(np.nanmedian(true))
-    marks = []
-    for subrays in SUBRAYS:
-        error = float(np.nanmedian(np.abs(first(subrays) - true))) / middle
-        seconds = median_seconds(lambda n=subrays: first(n), runs=1) * PULSES / len(true)
-        marks.append(
-            Mark(f"ours, {subrays} ray{'s' * (subrays > 1)} a pulse", seconds, error, ours=True)
-        )
-    return [
-        *marks,
-        Mark("HELIOS++, 1 ray", PULSES / 60e3, STEP / 4 / middle),
-        Mark("HELIOS++, 19 rays", PULSES / 9e3, STEP / 4 / middle),
-        Mark("BLAINDER, one tree", PULSES / 64e3, None),
-        Mark("SIMLIDAR, 284 beams/s", PULSES / 284, None),
-    ]
+    def error(found: np.ndarray) -> str:
+        true = first(MANY)
+        middle = np.nanmedian(true)
+        return f"{np.nanmedian(np.abs(found - true)) / middle:.1e} of {middle:.2f} m"
+
+    return Row(first, error, len(first()))
 
 
-def _sonar() -> list[Mark]:
+def _ping(tolerance: float, leaves: int = LEAVES) -> Row:
     rng = stream(4, "bench", "frontier")
     normal = rng.normal(size=(LEAVES, 3))
-    discs = LeafDiscs(
+    every = LeafDiscs(
         centre=rng.uniform([2, -3, -3], [9, 3, 3], (LEAVES, 3)),
         normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
         radius=np.full(LEAVES, 0.025),
@@ -137,37 +102,68 @@ def _sonar() -> list[Mark]:
         leaf=np.arange(LEAVES),
         tree=np.full(LEAVES, -1),
     )
+    discs = replace(every, **{name: value[:leaves] for name, value in vars(every).items()})
     sonar = Sonar(
         position=(0, 0, 0), beam_width_deg=(90, 90), shading="none", leaf_model="paper", cull=0.0
     )
-    some = replace(discs, **{name: value[:5000] for name, value in vars(discs).items()})
-    few = median_seconds(lambda: ping(some, sonar.changed(tolerance=0.0), Air()), runs=1)
-    exact = ping(discs, sonar.changed(tolerance=0.0), Air())
-    marks = []
-    for tolerance in TOLERANCES:
-        at = sonar.changed(tolerance=tolerance)
-        apart = np.linalg.norm(ping(discs, at, Air()).spectra - exact.spectra)
-        error = float(apart / np.linalg.norm(exact.spectra))
-        seconds = median_seconds(lambda s=at: ping(discs, s, Air()), runs=2)
-        marks.append(Mark(f"ours, {tolerance:.0e}", seconds, error, ours=True))
-    return [
-        *marks,
-        Mark("ours, direct sum", few * LEAVES / 5000, DIRECT, ours=True),
-        Mark("Tanveer et al. 2020a, Octave", 2 * 19.5, None),
-    ]
+
+    def work(at: float = tolerance) -> Echo:
+        return ping(discs, sonar.changed(tolerance=at), Air())
+
+    def error(echo: Echo) -> str:
+        exact = work(0.0).spectra
+        off = np.linalg.norm(echo.spectra - exact) / np.linalg.norm(exact)
+        return f"{max(off, DIRECT):.1e}"
+
+    return Row(work, error, leaves)
 
 
-def _reverb() -> list[Mark]:
-    paths = reverb._forest(TRUNKS, 10.0)
-    exact = reverb._Exact(paths, RATE, 16)
-    rows = [reverb._row(paths, RATE, exact, tolerance) for tolerance in TOLERANCES]
-    ours = [
-        Mark(f"ours, {t}", float(ms) / 1e3, float(error), ours=True) for t, ms, error, _ in rows
+RAYED: Rows = {f"{n} ray{'s' * (n > 1)} a pulse": partial(_first_range, n) for n in SUBRAYS}
+PINGED: Rows = {f"ping, {t:.0e}": partial(_ping, t) for t in TOLERANCES}
+PINGED["ping, direct sum"] = partial(_ping, 0.0, FEW)
+HEARD: Rows = {
+    f"response, {t:.0e}": partial(reverb.summed, TRUNKS, reverb.RADIUS, t) for t in TOLERANCES
+}
+ROWS: Rows = RAYED | PINGED | HEARD
+
+
+def run(say: Say, told: dict[str, Told]) -> Figure:
+    """Print the marks of others, and draw all."""
+    helios = STEP / 4 / float(told[next(iter(RAYED))]["error"].split()[2])
+    theirs = {
+        "a million pulses, ten trees": [
+            Mark("HELIOS++, 1 ray", PULSES / 60e3, helios),
+            Mark("HELIOS++, 19 rays", PULSES / 9e3, helios),
+            Mark("BLAINDER, one tree", PULSES / 64e3, None),
+            Mark("SIMLIDAR, 284 beams/s", PULSES / 284, None),
+        ],
+        "one ping, 100,000 leaves": [Mark("Tanveer et al. 2020a, Octave", 2 * 19.5, None)],
+        "one response, 100,000 trunks": [
+            Mark("direct sum in float64", 144.0, DIRECT),
+            Mark("Kaneko & Gamper's code, bins of 1° and 10 m", 1.45, (0.02, 0.06)),
+        ],
+    }
+    rows = [
+        [task, mark.name, f"{mark.seconds:.3g}", _words(mark.error)]
+        for task, marks in theirs.items()
+        for mark in marks
     ]
+    say("")
+    table(say, ["task", "simulator of others", "s", "relative error"], rows)
+    ours = [_marks(told, *task) for task in ((RAYED, PULSES), (PINGED, LEAVES), (HEARD, 1.0))]
+    return _draw({task: [*mine, *theirs[task]] for task, mine in zip(theirs, ours, strict=True)})
+
+
+def _marks(told: dict[str, Told], rows: Rows, many: float) -> list[Mark]:
+    """Marks of ours, of so many things each."""
     return [
-        *ours,
-        Mark("direct sum in float64", 144.0, DIRECT),
-        Mark("Kaneko & Gamper's code, bins of 1° and 10 m", 1.45, (0.02, 0.06)),
+        Mark(
+            f"ours, {name.rpartition(', ')[2]}",
+            told[name]["next"] * many / told[name]["many"],
+            float(told[name]["error"].split(";")[0].split()[0]),
+            ours=True,
+        )
+        for name in rows
     ]
 
 

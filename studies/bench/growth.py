@@ -1,18 +1,17 @@
-"""Growing: triangles and trees a second by preset and size, and the mesh's error by tolerance."""
+"""Growing: triangles a second by preset and size, and the mesh's error by tolerance."""
 
 from __future__ import annotations
 
-import tracemalloc
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from forest_addon.api import Skeleton, Species
+from forest_addon.api import Skeleton, Species, Tree, TriMesh
 
 from ..inside import (
-    Say,
     find_species,
     grow,
     load_species,
@@ -20,101 +19,67 @@ from ..inside import (
     skeleton_of,
     stream,
     to_mesh,
+    wood_of_mesh,
+    wood_of_skeleton,
 )
-from ..tables import median_seconds, table
-from .cold import say_cold
+from .rows import Row, Rows
 
-TITLE = "growth: trees and triangles a second, error of the mesh"
+TITLE = "growth: triangles a second, error of the mesh"
+WORDS = """\
+How many: triangles. Frustums have radii of 1 mm to 20 cm and are seen from the side, against (r₁+r₂)h and
+πh(r₁²+r₁r₂+r₂²)/3; rings have the circle's perimeter, so that what a beam sees has no bias; inscribed ones
+would be too thin.
+"""
 SIZES = {"maple": (4, 7), "ginkgo": (7, 8), "apple-stochastic": (5, 7)}
 TOLERANCES = (0.02, 0.005, 0.001, 0.0002)
-CONES = 2000
-FINE = 0.001
-MAPLES = 100
+CONES, FINE, MAPLES = 2000, 0.001, 100
 
 
-def run(say: Say) -> None:
-    """Print speed by preset and size, a hundred maples, and error by tolerance."""
-    rows = [_speed(name, size) for name, sizes in SIZES.items() for size in sizes]
-    head = [
-        *(
-            "preset, generations",
-            "triangles",
-            "wood, skeleton to arrays at 1 mm, s",
-            "M triangles/s",
-        ),
-        *("grammar to arrays, s", "to a Blender mesh, s", "M triangles/s, all", "trees/s"),
-        "peak memory, MB",
-    ]
-    table(say, head, rows)
-
-    species, template = load_species(find_species("maple", Path()))
-    triangles = []
-
-    def forest() -> None:
-        for number in range(MAPLES):
-            tree = grow(species, template, stream(5, "bench", number))
-            triangles.append(len(tree.mesh.triangles))
-
-    seconds = median_seconds(forest, runs=1)
-    say(
-        f"\n{MAPLES} different maples from templates, {np.mean(triangles):,.0f} triangles each: "
-        f"{seconds:.2f} s\n"
-    )
-    head = [
-        *("tolerance, mm", "sides, mean", "triangles/branch", "silhouette bias"),
-        *("silhouette rms", "volume bias", "inscribed: silhouette bias"),
-    ]
-    table(say, head, [_error(tolerance) for tolerance in TOLERANCES])
-    say(
-        f"\n{CONES} frustums of 1 mm to 20 cm radius seen from the side, against (r₁+r₂)h and "
-        "πh(r₁²+r₁r₂+r₂²)/3; rings have the circle's perimeter, so that what a beam "
-        "sees has no bias; inscribed ones would be too thin."
-    )
-    say_cold(say, "growth")
-
-
-def _speed(name: str, size: int) -> list[str]:
+def _of_size(name: str, generations: int) -> tuple[Species, object]:
     species, template = load_species(find_species(name, Path()))
-    species = _of_size(species, size)
-    mesh = grow(species, template, stream(5, "bench", name, size)).mesh
-    count = len(mesh.triangles)
-
-    def whole() -> None:
-        grow(species, template, stream(5, "bench", name, size))
-
-    arrays = median_seconds(whole)
-    meshed, speed = "-", "-"
-    if template is None:
-        skeleton, _ = skeleton_of(species, stream(5, "bench", name, size))
-        wood = len(mesh_wood(skeleton, FINE).triangles)
-        seconds = median_seconds(lambda: mesh_wood(skeleton, FINE), runs=5)
-        meshed, speed = f"{seconds:.4f}", f"{wood / seconds / 1e6:.1f}"
-    blender = median_seconds(lambda: bpy.data.meshes.remove(to_mesh("bench", mesh)))
-    tracemalloc.start()
-    whole()
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return [
-        f"{name}, {size}",
-        f"{count:,}",
-        meshed,
-        speed,
-        f"{arrays:.4f}",
-        f"{blender:.4f}",
-        f"{count / (arrays + blender) / 1e6:.2f}",
-        f"{1 / (arrays + blender):,.1f}",
-        f"{peak / 1e6:,.0f}",
-    ]
+    part = "rules" if species.rules is not None else "grammar"
+    sized = replace(getattr(species, part), generations=generations)
+    return replace(species, **{part: sized}), template
 
 
-def _of_size(species: Species, generations: int) -> Species:
-    if species.rules is not None:
-        return replace(species, rules=replace(species.rules, generations=generations))
-    return replace(species, grammar=replace(species.grammar, generations=generations))
+def _grown(name: str, size: int) -> Row:
+    species, template = _of_size(name, size)
+
+    def work() -> Tree:
+        return grow(species, template, stream(5, "bench", name, size))
+
+    return Row(work, _off_the_wood, len(work().mesh.triangles))
 
 
-def _error(tolerance: float) -> list[str]:
-    """Error of upright frustums, each a closed convex mesh, seen along x."""
+def _off_the_wood(tree: Tree) -> str:
+    if tree.grafted:
+        return "-"
+    off = wood_of_mesh(tree.mesh).area / wood_of_skeleton(tree.skeleton).area - 1
+    return f"{100 * off:+.2f} % of the wood's surface"
+
+
+def _tubes(name: str, size: int) -> Row:
+    skeleton, _ = skeleton_of(_of_size(name, size)[0], stream(5, "bench", name, size))
+    return Row(lambda: mesh_wood(skeleton, FINE), many=len(mesh_wood(skeleton, FINE).triangles))
+
+
+def _into_blender(name: str, size: int) -> Row:
+    mesh = grow(*_of_size(name, size), stream(5, "bench", name, size)).mesh
+    return Row(lambda: bpy.data.meshes.remove(to_mesh("bench", mesh)), many=len(mesh.triangles))
+
+
+def _maples() -> Row:
+    species, template = load_species(find_species("maple", Path()))
+
+    def work() -> int:
+        trees = (grow(species, template, stream(5, "bench", number)) for number in range(MAPLES))
+        return sum(len(tree.mesh.triangles) for tree in trees)
+
+    return Row(work, many=work())
+
+
+def _frustums(tolerance: float) -> Row:
+    """Upright frustums, each a closed convex mesh, seen along x."""
     rng = stream(6, "bench", "cones")
     length = rng.uniform(0.05, 2.0, CONES)
     radius = np.exp(rng.uniform(np.log(0.001), np.log(0.2), CONES))
@@ -123,24 +88,43 @@ def _error(tolerance: float) -> list[str]:
     foot[:, 1] = 10.0 * np.arange(CONES)
     tip = foot + length[:, None] * [0.0, 0.0, 1.0]
     zeros = np.zeros(CONES, dtype=np.int64)
-    mesh = mesh_wood(Skeleton(foot, tip, radius, zeros - 1, zeros, zeros), tolerance)
-
-    corner = mesh.vertices[mesh.triangles]
-    cone = np.rint(corner[:, 0, 1] / 10.0).astype(int)
-    seen = np.bincount(cone, np.abs(mesh.area_vectors()[:, 0]) / 2, CONES)
-    corner = corner - foot[cone][:, None]
-    volume = np.einsum("ti,ti->t", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6
+    skeleton = Skeleton(foot, tip, radius, zeros - 1, zeros, zeros)
     r1, r2 = radius.T
-    exact_seen = (r1 + r2) * length
-    exact_volume = np.pi * length * (r1**2 + r1 * r2 + r2**2) / 3
-    sides = (np.bincount(cone, minlength=CONES) / 4).astype(int)
-    inscribed = seen * sides * np.sin(np.pi / sides) / np.pi
-    return [
-        f"{1e3 * tolerance:g}",
-        f"{sides.mean():.1f}",
-        f"{len(mesh.triangles) / CONES:.0f}",
-        f"{100 * (seen.sum() / exact_seen.sum() - 1):+.3f} %",
-        f"{100 * np.sqrt(np.mean((seen / exact_seen - 1) ** 2)):.2f} %",
-        f"{100 * (volume.sum() / exact_volume.sum() - 1):+.2f} %",
-        f"{100 * (inscribed.sum() / exact_seen.sum() - 1):+.2f} %",
-    ]
+    true = (r1 + r2) * length
+    whole = np.pi * length * (r1**2 + r1 * r2 + r2**2) / 3
+
+    def error(mesh: TriMesh) -> str:
+        corner = mesh.vertices[mesh.triangles]
+        cone = np.rint(corner[:, 0, 1] / 10.0).astype(int)
+        seen = np.bincount(cone, np.abs(mesh.area_vectors()[:, 0]) / 2, CONES)
+        corner = corner - foot[cone][:, None]
+        volume = np.einsum("ti,ti->t", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6
+        sides = (np.bincount(cone, minlength=CONES) / 4).astype(int)
+        inscribed = seen * sides * np.sin(np.pi / sides) / np.pi
+        ratios = (seen.sum() / true.sum(), volume.sum() / whole.sum(), inscribed.sum() / true.sum())
+        silhouette, filled, thin = (100 * (ratio - 1) for ratio in ratios)
+        spread = 100 * np.sqrt(np.mean((seen / true - 1) ** 2))
+        return (
+            f"silhouette {silhouette:+.3f} %, rms {spread:.2f} %, volume {filled:+.2f} %; inscribed: "
+            f"silhouette {thin:+.2f} %; {sides.mean():.1f} sides"
+        )
+
+    work = partial(mesh_wood, skeleton, tolerance)
+    return Row(work, error, len(work().triangles))
+
+
+PAIRS = [(name, size) for name, sizes in SIZES.items() for size in sizes]
+ROWS: Rows = {
+    **{f"{n}, {size} generations, to arrays": partial(_grown, n, size) for n, size in PAIRS},
+    **{
+        f"{n}, {size} generations, its tubes at 1 mm": partial(_tubes, n, size)
+        for n, size in PAIRS
+        if n != "maple"
+    },
+    **{
+        f"{n}, {size} generations, into Blender": partial(_into_blender, n, size)
+        for n, size in PAIRS
+    },
+    f"{MAPLES} maples from templates, each its own": _maples,
+    **{f"{CONES:,} frustums, tolerance {1e3 * t:g} mm": partial(_frustums, t) for t in TOLERANCES},
+}

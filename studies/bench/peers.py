@@ -12,11 +12,9 @@ import importlib.util
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import bpy  # noqa: F401  where Blender is a module, it brings mathutils
 import numpy as np
@@ -33,8 +31,9 @@ from ..inside import (
     cast_exactly,
     environment_of_child,
 )
-from ..tables import table, timed
-from .lidar_rays import grow_trees, plant
+from ..tables import table
+from .lidar import grow_trees, plant
+from .rows import Row, Rows
 
 TITLE = "peers: the same scan by other programs"
 COUNTS = 180, 560  # zenith angles, azimuths
@@ -42,54 +41,36 @@ JOBS = ((1, "200k"), (20, "20k"))
 CHECKED = 64  # points of each against brute force
 HEIGHT = 1.6  # m
 PYTHON = "PYHELIOS_PYTHON"  # the environment's name for a Python that has the peer
+WORDS = f"""\
+{COUNTS[0] * COUNTS[1]:,} rays of a tripod; first: the set-up and a scan. Errors: of the distances of points.
+"""
 INSTALL = (
     "PyHelios3D is not here: make an environment with `python -m venv peer`, install it with "
     f"`peer/bin/pip install pyhelios3d`, and run again with {PYTHON}=peer/bin/python."
 )
 
-Took = tuple[
-    float, float, np.ndarray
-]  # CPU s of set-up and first scan, of a later one, points (P, 3)
 
-
-def run(say: Say) -> None:
-    """Print one table; the peers that are not here are named with how to get them."""
-    rows = []
-    peer = _peer_python()
-    for count, size in JOBS:
-        scene = plant(grow_trees(size), count)
-        low, high = (edge(scene.transform[:, :2, 3], axis=0) for edge in (np.min, np.max))
-        origin = np.array([*(low + high) / 2 + 1.3, HEIGHT])
-        ways = _ways()
-        found: dict[str, Took] = {}
-        if peer:
-            found["PyHelios3D"] = _by_helios(peer, scene, origin)
-        found["loop over ray_cast"] = _by_loop(scene, origin, ways)
-        found["ours, BVHTree"] = _ours(BvhCaster, scene, origin, ways)
-        found["ours, Embree"] = _ours(EmbreeCaster, scene, origin, ways)
-        for name, (first, again, points) in found.items():
-            ratios = [
-                f"{first / other[0]:.1f}x, {again / other[1]:.1f}x"
-                for other in (found["ours, BVHTree"], found["ours, Embree"])
-            ]
-            error = _errors(scene, origin, points)
-            rows.append([f"{count} x {size}", name, f"{first:.2f}", f"{again:.2f}", *ratios])
-            rows[-1] += [f"{len(points):,}", *error]
-    say(
-        f"{COUNTS[0] * COUNTS[1]:,} rays of a tripod; CPU seconds of one thread, imports not counted\n"
-    )
-    head = ["trees", "program", "set-up and first scan, s", "again, s"]
-    head += ["over our BVHTree, first and again", "over our Embree"]
-    table(say, [*head, "points", "error, median m", "largest"], rows)
+def run(say: Say, _: object) -> None:
+    """Print what PyHelios3D takes, or how to get it."""
+    peer = sys.executable if importlib.util.find_spec("pyhelios") else os.environ.get(PYTHON, "")
     if not peer:
         say(f"\n{INSTALL}")
+        return
+    rows = []
+    for count, size in JOBS:
+        scene, origin = _scene(count, size)
+        first, again, points = _by_helios(peer, scene, origin)
+        error = _error(scene, origin, points)
+        rows.append([f"{count} x {size}, PyHelios3D", f"{first:.2f}", f"{again:.2f}", error])
+    say("")
+    table(say, ["job", "first, s", "next, s", "error"], rows)
 
 
-def _peer_python() -> str:
-    """A Python that has PyHelios3D; empty where none is known."""
-    if importlib.util.find_spec("pyhelios") is not None:
-        return sys.executable
-    return os.environ.get(PYTHON, "")
+def _scene(count: int, size: str) -> tuple[SceneGeometry, np.ndarray]:
+    """Trees, and where the tripod stands."""
+    scene = plant(grow_trees(size), count)
+    low, high = (edge(scene.transform[:, :2, 3], axis=0) for edge in (np.min, np.max))
+    return scene, np.array([*(low + high) / 2 + 1.3, HEIGHT])
 
 
 def _ways() -> np.ndarray:
@@ -104,7 +85,10 @@ def _ways() -> np.ndarray:
     return np.stack(ways, axis=2).reshape(-1, 3)
 
 
-def _by_helios(python: str, scene: SceneGeometry, origin: np.ndarray) -> Took:
+def _by_helios(
+    python: str, scene: SceneGeometry, origin: np.ndarray
+) -> tuple[float, float, np.ndarray]:
+    """CPU seconds of the set-up and a first scan, those of another, and points (P, 3)."""
     vertices, triangles, first = [], [], 0
     for place, mesh in zip(scene.transform, scene.mesh_index, strict=True):
         tree = scene.meshes[mesh]
@@ -127,60 +111,70 @@ def _by_helios(python: str, scene: SceneGeometry, origin: np.ndarray) -> Took:
         return times[0], times[1], np.load(points)["points"]
 
 
-def _by_loop(scene: SceneGeometry, origin: np.ndarray, ways: np.ndarray) -> Took:
-    start = time.process_time()
-    trees: dict[int, BVHTree] = {}
-    for index in np.unique(scene.mesh_index).tolist():
-        mesh = scene.meshes[index]
-        trees[index] = BVHTree.FromPolygons(mesh.vertices.tolist(), mesh.triangles.tolist())
-    things = []
-    for place, mesh in zip(scene.transform, scene.mesh_index.tolist(), strict=True):
-        world = Matrix([*place.tolist(), [0, 0, 0, 1]])
-        things.append((trees[mesh], world, world.inverted()))
+def _trees(scene: SceneGeometry) -> list[tuple[BVHTree, Matrix, Matrix]]:
+    """Each tree as an add-on finds it: its own BVHTree, its place and the way back."""
+    trees = {
+        index: BVHTree.FromPolygons(
+            scene.meshes[index].vertices.tolist(), scene.meshes[index].triangles.tolist()
+        )
+        for index in np.unique(scene.mesh_index).tolist()
+    }
+    worlds = [Matrix([*place.tolist(), [0, 0, 0, 1]]) for place in scene.transform]
+    return [
+        (trees[mesh], world, world.inverted())
+        for world, mesh in zip(worlds, scene.mesh_index.tolist(), strict=True)
+    ]
 
-    def scan() -> list[Vector]:
+
+def _by_loop(count: int, size: str) -> Row:
+    scene, origin = _scene(count, size)
+    at, ways = Vector(origin), [Vector(way) for way in _ways().tolist()]
+    trees = cache(lambda: _trees(scene))
+
+    def scan() -> np.ndarray:
         points = []
-        at = Vector(origin)
-        for way in map(Vector, ways.tolist()):
+        for way in ways:
             nearest, point = np.inf, None
-            for tree, world, local in things:
+            for tree, world, local in trees():
                 location = tree.ray_cast(local @ at, local.to_3x3() @ way)[0]
-                if location is not None:
-                    hit = world @ location
-                    distance = (hit - at).length
-                    if distance < nearest:
-                        nearest, point = distance, hit
+                if location is not None and (world @ location - at).length < nearest:
+                    point = world @ location
+                    nearest = (point - at).length
             if point is not None:
                 points.append(point)
-        return points
+        return np.array(points).reshape(-1, 3)
 
-    return _twice(start, scan)
+    return Row(scan, partial(_error, scene, origin), len(ways))
 
 
-def _ours(engine: type[Search], scene: SceneGeometry, origin: np.ndarray, ways: np.ndarray) -> Took:
-    start = time.process_time()
-    caster = engine(scene)
+def _ours(engine: type[Search], count: int, size: str) -> Row:
+    scene, origin = _scene(count, size)
+    ways, caster = _ways(), cache(lambda: engine(scene))
     origins = np.broadcast_to(origin, ways.shape)
 
     def scan() -> np.ndarray:
-        hits = caster.cast(origins, ways)
+        hits = caster().cast(origins, ways)
         return origin + hits.distance[hits.found, None] * ways[hits.found]
 
-    return _twice(start, scan)
+    return Row(scan, partial(_error, scene, origin), len(ways))
 
 
-def _twice(start: float, scan: Callable[[], Any]) -> Took:
-    """CPU seconds since the start of the set-up to the end of a scan, those of another, and its points."""
-    scan()
-    first = time.process_time() - start
-    found, again = timed(scan)
-    return first, again, np.array(found).reshape(-1, 3)
-
-
-def _errors(scene: SceneGeometry, origin: np.ndarray, points: np.ndarray) -> list[str]:
+def _error(scene: SceneGeometry, origin: np.ndarray, points: np.ndarray) -> str:
     """Median and largest error of the distance of some points, of those whose ray meets something."""
     some = points[:: max(1, len(points) // CHECKED)].astype(np.float64)
     away = some - origin
     exact = cast_exactly(scene, np.broadcast_to(origin, away.shape), away)
     error = np.abs(np.linalg.norm(away, axis=1) - exact.distance)[exact.found]
-    return [f"{np.median(error):.0e}", f"{error.max(initial=0.0):.0e}"]
+    return f"{np.median(error):.0e} m, at most {error.max(initial=0.0):.0e}; {len(points):,} points"
+
+
+WAYS = {
+    "loop over ray_cast": _by_loop,
+    "ours, BVHTree": partial(_ours, BvhCaster),
+    "ours, Embree": partial(_ours, EmbreeCaster),
+}
+ROWS: Rows = {
+    f"{count} x {size}, {name}": partial(way, count, size)
+    for count, size in JOBS
+    for name, way in WAYS.items()
+}

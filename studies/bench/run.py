@@ -1,7 +1,7 @@
 """``python -m studies bench``: time and error side by side, printed as tables.
 
-Each section is a module with ``TITLE`` and ``run(say)``, which may give back a picture; it measures CPU
-time of one core (the median of several runs) against an exact reference, and says both in one row.
+Each section is a module with ``TITLE``, perhaps ``WORDS`` about its ``ROWS`` (``rows`` measures each), and
+perhaps ``run(say, told)`` for what has another form, told what the rows took, which may give back a picture.
 Beside each stands the machine and what the section took. Nothing is asserted here.
 """
 
@@ -18,6 +18,7 @@ from importlib.metadata import version as installed
 from pathlib import Path
 
 from ..inside import save_figure, unknown, version, write_whole
+from .rows import say_rows
 
 SECTIONS = (
     *("kernels", "growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
@@ -46,7 +47,12 @@ def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
 
         print(f"\n{said[0]}\n", flush=True)
         started = time.perf_counter()
-        figure = section.run(say)
+        told, figure = {}, None
+        if hasattr(section, "ROWS"):
+            say(section.WORDS)
+            told = say_rows(say, name, section.ROWS)
+        if hasattr(section, "run"):
+            figure = section.run(say, told)
         say(f"\nMeasured on {machine()}; the section took {time.perf_counter() - started:.0f} s.")
         if figure is not None:
             folder.mkdir(parents=True, exist_ok=True)

@@ -1,13 +1,13 @@
-"""Large jobs that people wait for, each in a fresh process: first and next call, error and peak memory.
+"""Large jobs that people wait for: a hectare of beeches by a tripod into a file, and the echo of a forest.
 
-A hectare of beeches by a tripod of 19 rays a pulse goes into a file; beside it the rays of its beams in any
-order, which Embree then takes one by one, as a plain loop over rays gives them. The echo of ten million
-leaves is that of a sonar in the middle of their forest; its error is what the audit finds.
+Beside the scan stand the rays of its beams, side by side and in any order, which Embree then takes one by
+one, as a plain loop over rays gives them. The echo of ten million leaves is that of a sonar in the middle of
+their forest; its error is what the audit finds.
 """
 
 from __future__ import annotations
 
-import sys
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,10 +16,14 @@ import numpy as np
 
 from forest_addon.api import build, read
 
-from ..inside import Say, pattern_of, peak_memory_mb, spread, stream
-from ..tables import fresh, table, timed
+from ..inside import Hits, pattern_of, spread, stream
+from .rows import Row, Rows
 
 TITLE = "waiting: large jobs, cold beside warm"
+WORDS = """\
+500 European beeches of 10 variants on a hectare, a VZ-400i at 0.2° and 19 rays a pulse, into LAZ; one echo of
+a forest of maples, heard within 1 % of all amplitudes. How many: trees, pulses, rays.
+"""
 HECTARE = """
 [forest]
 size = [100, 100]
@@ -57,97 +61,75 @@ tolerance = 1e-3
 leaf_model = "paper"
 shading = "none"
 """
-SIDE_BY_SIDE = 12  # pieces of 3,400 pulses over the scan, whose rays are also cast in any order
+PIECES, PULSES = 12, 3400  # pieces of so many pulses over the scan, whose rays are cast
 
 
-def run(say: Say) -> None:
-    """Print a table of each job."""
-    say("500 European beeches of 10 variants on a hectare, a VZ-400i at 0.2°, into LAZ:\n")
-    head = [
-        "build, s",
-        "first scan, s",
-        "next, s",
-        "points",
-        "points/s, first and next",
-        "peak, GB",
-    ]
-    table(say, head, [fresh(__name__, "hectare").split(";")])
-    say("\nRays of its beams alone, side by side as they are and in any order, the same rays:\n")
-    head = [
-        "rays",
-        "side by side, rays/s",
-        "in any order",
-        "times",
-        "another face",
-        "largest error, m",
-    ]
-    table(say, head, [fresh(__name__, "rays").split(";")])
-    say("\nOne echo of a forest of maples, heard within 1 % of all amplitudes:\n")
-    head = ["leaves", "build, s", "first ping, s", "next, s", "audit", "peak, GB"]
-    table(say, head, [fresh(__name__, "leaves").split(";")])
-
-
-def _built(text: str) -> tuple[Any, Any, float]:
-    """A world, its first sensor, and the CPU seconds that it took."""
-
+def _read(text: str) -> Any:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         path.write_text(text)
-        scene = read(path)
-        world, seconds = timed(lambda: build(scene))
-        return world, scene.sensors[0], seconds
+        return read(path)
 
 
-def hectare() -> str:
-    """Build it, and scan it twice."""
-    world, sensor, built = _built(HECTARE)
-    took = []
-    with TemporaryDirectory() as folder:
-        for name in ("first.laz", "later.laz"):
-            file = Path(folder) / name
-            written, seconds = timed(lambda f=file: world.scan_to(f, sensor))
-            took.append(seconds)
-    rates = ", ".join(f"{written.points / each:,.0f}" for each in took)
-    first, later = took
-    return f"{built:.1f};{first:.1f};{later:.1f};{written.points:,};{rates};{_peak()}"
+def _built(text: str) -> Row:
+    scene = _read(text)
+    return Row(lambda: build(scene), many=scene.plantings[0].expected)
 
 
-def rays() -> str:
-    """Cast the rays of some beams in both orders."""
+def _scan() -> Row:
+    scene, folder = _read(HECTARE), TemporaryDirectory()
+    world, sensor = build(scene), scene.sensors[0]
+    pulses = pattern_of(sensor).count
 
-    world, sensor, _ = _built(HECTARE)
-    caster, pattern = world.observer.caster, pattern_of(sensor, None)
-    count, took, other, error = 0, [0.0, 0.0], 0, 0.0
-    for first in np.linspace(0, pattern.count - 3400, SIDE_BY_SIDE).astype(np.int64):
-        number = np.arange(first, first + 3400)
-        origin, way = spread(pattern.pulses(number), sensor.beam, number.astype(np.uint64))
-        order = stream(0, "bench", "order", int(first)).permutation(len(way))
-        casts = [lambda: caster.cast(origin, way, sensor.max_range)]  # noqa: B023
-        casts += [lambda: caster.cast(origin[order], way[order], sensor.max_range)]  # noqa: B023
-        (beams, one), (mixed, other_order) = map(timed, casts)
-        took = [took[0] + one, took[1] + other_order]
-        beams, count = beams.select(order), count + len(way)
-        other += int(np.count_nonzero(beams.triangle != mixed.triangle))
-        there = beams.found & mixed.found
-        apart = beams.distance[there] - mixed.distance[there]
-        error = max(error, float(np.abs(apart).max(initial=0.0)))
-    rates = [count / each for each in took]
-    times = rates[0] / rates[1]
-    return f"{count:,};{rates[0]:,.0f};{rates[1]:,.0f};{times:.1f};{other};{error:.0e}"
+    def work() -> Any:
+        return world.scan_to(Path(folder.name) / "scan.laz", sensor)
+
+    return Row(work, lambda written: f"- ({written.points:,} points)", pulses)
 
 
-def leaves() -> str:
-    """Build a forest, and hear it twice."""
-    world, sensor, built = _built(LEAVES)
-    found, first = timed(lambda: world.ping(sensor))
-    later = timed(lambda: world.ping(sensor))[1]
-    count = int(sum(world.trees["leaves"]))
-    return f"{count:,};{built:.1f};{first:.1f};{later:.1f};{found.audit.error:.0e};{_peak()}"
+def _rays(mixed: bool) -> Row:
+    """Rays of some beams, as they are side by side, or in any order; what differs between both."""
+    scene = _read(HECTARE)
+    caster, sensor = build(scene).observer.caster, scene.sensors[0]
+    pattern, pieces = pattern_of(sensor, None), []
+    for first in np.linspace(0, pattern.count - PULSES, PIECES).astype(np.int64):
+        number = np.arange(first, first + PULSES)
+        rays = spread(pattern.pulses(number), sensor.beam, number.astype(np.uint64))
+        order = stream(0, "bench", "order", int(first)).permutation(len(rays[1]))
+        pieces.append((*rays, order))
+
+    def cast(by_chance: bool) -> list[Hits]:
+        found = []
+        for origin, way, order in pieces:
+            turn = order if by_chance else np.arange(len(way))
+            hits = caster.cast(origin[turn], way[turn], sensor.max_range)
+            found.append(hits.select(np.argsort(turn)))
+        return found
+
+    def error(found: list[Hits]) -> str:
+        other, most = 0, 0.0
+        for hits, again in zip(found, cast(not mixed), strict=True):
+            other += int(np.count_nonzero(hits.triangle != again.triangle))
+            there = hits.found & again.found
+            apart = hits.distance[there] - again.distance[there]
+            most = max(most, float(np.abs(apart).max(initial=0.0)))
+        return f"{most:.0e} m, {other} of another face in the other order"
+
+    return Row(lambda: cast(mixed), error, sum(len(way) for _, way, _ in pieces))
 
 
-def _peak() -> str:
-    return f"{(peak_memory_mb() or 0.0) * 2**20 / 1e9:.2f}"
+def _echo() -> Row:
+    scene = _read(LEAVES)
+    world, sensor = build(scene), scene.sensors[0]
+    leaves = int(sum(world.trees["leaves"]))
+    return Row(lambda: world.ping(sensor), lambda echo: f"{echo.audit.error:.0e}", leaves)
 
 
-if __name__ == "__main__":
-    print({"hectare": hectare, "rays": rays, "leaves": leaves}[sys.argv[1]]())
+ROWS: Rows = {
+    "hectare of beeches, grown and built": partial(_built, HECTARE),
+    "hectare of beeches, scanned into LAZ": _scan,
+    "rays of its beams, side by side": partial(_rays, False),
+    "the same rays in any order": partial(_rays, True),
+    "forest of maples, grown and built": partial(_built, LEAVES),
+    "echo of its leaves": _echo,
+}
