@@ -79,10 +79,10 @@ def _study(chosen: argparse.Namespace) -> None:
 
     began = time.process_time()
     if chosen.study == "sim-to-real":
-        from .sim_to_real.run import Request, run_study, subject_of
+        from .sim_to_real.run import run_study, subject_of
 
-        request = Request(plots, chosen.seeds, chosen.seed, data, chosen.real)
-        part = subject_of(run_study(request, out), out)
+        found = run_study(data, chosen.real, out, plots, chosen.seeds, chosen.seed)
+        part = subject_of(*found, out)
     elif chosen.study == "ablations":
         from .sim_to_real.ablations import ablation_subject, run_ablations
 

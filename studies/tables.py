@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
 from typing import Any
 
-from .inside import Say
+from .inside import Say, write_csv
 
 
 def timed(work: Callable[..., Any], *given: Any, **named: Any) -> tuple[Any, float]:
@@ -27,3 +29,9 @@ def table(say: Say, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def say_row(say: Say, row: Sequence[str]) -> None:
     """Print one row of it."""
     say("| " + " | ".join(row) + " |")
+
+
+def write_rows(path: Path, rows: Iterable[Any]) -> None:
+    """Write rows, of the same names or of one dataclass, as CSV."""
+    kept = [asdict(row) if is_dataclass(row) else row for row in rows]
+    write_csv(path, {name: [row[name] for row in kept] for name in kept[0]})

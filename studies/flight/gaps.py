@@ -28,8 +28,8 @@ from ..inside import (
     save_figure,
     sensed,
     stream,
-    write_csv,
 )
+from ..tables import write_rows
 
 TASKS = {
     "hedge at 1.4 m, gap of 50 cm": EchoTask("passage", 1.4, 0.5),
@@ -51,6 +51,7 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
     out.mkdir(parents=True, exist_ok=True)
     count = max(8, 4 * round(ECHOES * size / 4))
     found: dict[tuple[str, float | None, str], Area] = {}
+    rows = []
     for words, task in TASKS.items():
         is_there = np.arange(count) % 2 == 1
         sound = [task.heard(seed, n, bool(there)) for n, there in enumerate(is_there)]
@@ -61,18 +62,14 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
                 heard = [noisy(one, snr, loud, seed, n) for n, one in enumerate(sound)]
             areas = told(np.array([sensed(one) for one in heard]), is_there, seed)
             found |= {(words, snr, way): area for way, area in areas.items()}
+            known = {"task": words, "snr_db": "" if snr is None else snr, "echoes": count // 2}
+            for way, area in areas.items():
+                auc, low, high = np.round(area, 4).tolist()
+                rows.append(known | {"listener": way, "auc": auc, "auc_low": low, "auc_high": high})
             cells = (f"{v[0]:.2f} ({v[1]:.2f} to {v[2]:.2f})" for v in areas.values())
             level = "no noise" if snr is None else f"{snr:g} dB"
             say(f"| {words}, {level} | {count // 2} | {' | '.join(cells)} |")
-    table = {
-        "task": [key[0] for key in found],
-        "snr_db": ["" if key[1] is None else key[1] for key in found],
-        "listener": [key[2] for key in found],
-        "echoes": [count // 2] * len(found),
-    }
-    for number, end in enumerate(("auc", "auc_low", "auc_high")):
-        table[end] = [round(area[number], 4) for area in found.values()]
-    write_csv(out / "gaps.csv", table)
+    write_rows(out / "gaps.csv", rows)
     draw(out / "gaps.png", found)
     say(f"Written to {out}: gaps.csv, gaps.png")
     return found

@@ -40,8 +40,8 @@ from ..inside import (
     fly,
     interval,
     stream,
-    write_csv,
 )
+from ..tables import write_rows
 
 DENSITY = 0.1  # trees/m²
 AHEAD = 2.0  # metres to the trunk whose echo says how loud noise is
@@ -76,6 +76,7 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
     Trained(FLIGHT, ears[LEARNT_DB], weights).save(out / "trained.npz")
     world = forests(flights).surroundings(seed)
     found: dict[tuple[str, float | None], int] = {}
+    rows = []
     for snr, sense in ears.items():
         policies = {"trained": Trained(FLIGHT, sense, weights)}
         if snr is None:
@@ -90,16 +91,11 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
             say(
                 f"| {name} | {level} | {count} of {flights} | {100 * low:.0f} to {100 * high:.0f} % |"
             )
-    ends = np.array([interval(count, flights) for count in found.values()])
-    table = {
-        "policy": [name for name, _ in found],
-        "snr_db": ["" if snr is None else snr for _, snr in found],
-        "flights": [flights] * len(found),
-        "arrived": list(found.values()),
-        "share_low": ends[:, 0].round(3).tolist(),
-        "share_high": ends[:, 1].round(3).tolist(),
-    }
-    write_csv(out / "noise.csv", table)
+            row = {"policy": name, "snr_db": "" if snr is None else snr, "flights": flights}
+            rows.append(
+                row | {"arrived": count, "share_low": round(low, 3), "share_high": round(high, 3)}
+            )
+    write_rows(out / "noise.csv", rows)
     say(f"Written to {out}: trained.npz, noise.csv")
     return found
 

@@ -35,8 +35,8 @@ from ..inside import (
     ping,
     save_figure,
     stream,
-    write_csv,
 )
+from ..tables import write_rows
 
 AREA = 0.6  # m² of leaves of a plant, one side; ours
 BALL = 0.3  # metres, radius of a plant; ours
@@ -86,17 +86,16 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
         for ears in (1, 2):
             for emissions in EMISSIONS:
                 same, new = errors(heard[:, :, :, :ears], emissions, seed)
-                rows.append((what, ears, emissions, same, new))
+                known = {"heard": what, "ears": ears, "emissions": emissions}
+                rows.append(known | {"error_same_plants": same, "error_new_plants": new})
                 say(
                     f"{what}, {ears} ear{'s' if ears > 1 else ''}, {emissions} emissions: "
                     f"{100 * same:.1f} % wrong, of plants never heard {100 * new:.1f} %"
                 )
-    names = ("heard", "ears", "emissions", "error_same_plants", "error_new_plants")
-    columns = zip(*rows, strict=True)
-    write_csv(out / "plants.csv", {n: list(c) for n, c in zip(names, columns, strict=True)})
+    write_rows(out / "plants.csv", rows)
     draw(out / "plants.png", rows)
     say(f"Written to {out}: plants.csv, plants.png")
-    return {row[:3]: row[3:] for row in rows}
+    return {tuple(row.values())[:3]: tuple(row.values())[3:] for row in rows}
 
 
 def plant(kind: int, number: int, seed: int) -> LeafDiscs:
@@ -174,11 +173,14 @@ def draw(path: Path, rows: list) -> Path:
     """Errors by the number of emissions, beside the published ones."""
     with rc_context(STYLE):
         figure, axes = new_figure(2, (9, 3.6))
-        for ax, column, title in zip(
-            axes, (3, 4), ("other aspects of the same plants", "plants never heard"), strict=True
-        ):
-            for number, (what, ears) in enumerate(dict.fromkeys(row[:2] for row in rows)):
-                mine = [row for row in rows if row[:2] == (what, ears)]
+        titles = {
+            "error_same_plants": "other aspects of the same plants",
+            "error_new_plants": "plants never heard",
+        }
+        for ax, (column, title) in zip(axes, titles.items(), strict=True):
+            kinds = dict.fromkeys((row["heard"], row["ears"]) for row in rows)
+            for number, (what, ears) in enumerate(kinds):
+                mine = [row for row in rows if (row["heard"], row["ears"]) == (what, ears)]
                 floor = [max(row[column], 5e-4) for row in mine]
                 label = f"{what}, {ears} ear{'s' if ears > 1 else ''}"
                 line = "o-" if ears == 2 else "o:"

@@ -33,8 +33,8 @@ from ..inside import (
     interval,
     new_figure,
     save_figure,
-    write_csv,
 )
+from ..tables import write_rows
 
 DENSITIES = (0.02, 0.05, 0.1)  # trees/m²
 FLIGHTS = 12  # of a density and sense
@@ -96,17 +96,16 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
             if density == DENSITIES[1]:
                 last[name] = tracks
                 there = world
-        shares = ", ".join(f"{name} {share(tracks[-1]):.0%}" for name, tracks in found.items())
+        shares = ", ".join(
+            f"{name} {arrived(tracks[-1]) / flights:.0%}" for name, tracks in found.items()
+        )
         say(f"{density:g} trees/m²: {shares}")
-    write_csv(
-        out / "senses.csv",
-        {
-            "trees_per_m2": [d for d in DENSITIES for _ in NAMES],
-            "sense": [name for _ in DENSITIES for name in NAMES],
-            "flights": [flights] * (len(DENSITIES) * len(NAMES)),
-            "arrived": [arrived(found[n][k]) for k in range(len(DENSITIES)) for n in NAMES],
-        },
-    )
+    rows = [
+        {"trees_per_m2": d, "sense": name, "flights": flights, "arrived": arrived(found[name][k])}
+        for k, d in enumerate(DENSITIES)
+        for name in NAMES
+    ]
+    write_rows(out / "senses.csv", rows)
     draw(out / "senses.png", found, last, there)
     say(f"Written to {out}: senses.csv, senses.png")
     return found
@@ -115,11 +114,6 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
 def arrived(tracks: list[Track]) -> int:
     """Number of flights that came through."""
     return sum(track.end == "arrived" for track in tracks)
-
-
-def share(tracks: list[Track]) -> float:
-    """Share of them."""
-    return arrived(tracks) / len(tracks)
 
 
 def draw(path: Path, found: dict, last: dict, world: object) -> Path:
@@ -142,7 +136,7 @@ def draw(path: Path, found: dict, last: dict, world: object) -> Path:
             ax.plot(*ends.T, "x", color="#c8442c", ms=5)
             ax.set(title=f"{name}, {DENSITIES[1]:g} trees/m²", xlabel="x, m", ylabel="y, m")
         for name, colour in zip(NAMES, LINES, strict=False):
-            values = [share(tracks) for tracks in found[name]]
+            values = [arrived(tracks) / len(tracks) for tracks in found[name]]
             ends = np.array([interval(arrived(t), len(t)) for t in found[name]])
             error = np.maximum(np.stack([values - ends[:, 0], ends[:, 1] - values]), 0)
             axes[2].errorbar(

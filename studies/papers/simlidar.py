@@ -58,9 +58,8 @@ from ..inside import (
     stream,
     wood_indices,
     wood_of_skeleton,
-    write_csv,
 )
-from ..tables import table
+from ..tables import table, write_rows
 
 DIAMETERS = (0.005, 0.006, 0.007)  # d_m
 ITERATIONS = (4, 5, 6, 7)
@@ -256,10 +255,6 @@ def _value(text: str) -> Any:
         return text
 
 
-def _write(path: Path, rows: Sequence[Row]) -> None:
-    write_csv(path, {name: [row[name] for row in rows] for name in rows[0]})
-
-
 # The report of Méndez et al.'s experiment: Table 3 and the regressions, Méndez et al.'s numbers beside
 # ours, and their picture.
 
@@ -445,8 +440,8 @@ def run_experiment(
             rows = [*(other for other in rows if orchard_of(other) != orchard), row]
             finished = {orchard_of(row) for row in rows} - {orchard}
             trees = [*(tree for tree in trees if orchard_of(tree) in finished), *own]
-            _write(out / "trees.csv", trees)
-            _write(out / "orchards.csv", rows)  # last: what stands here is finished
+            write_rows(out / "trees.csv", trees)
+            write_rows(out / "orchards.csv", rows)  # last: what stands here is finished
         found.append(row)
     print_report(found, out)
     draw(found, out / "regressions.png")

@@ -32,9 +32,9 @@ from ..inside import (
     read_tables,
     save_figure,
     stream,
-    write_csv,
     write_whole,
 )
+from ..tables import write_rows
 from ..validation.run import Comparison, Interval, Picture, Subject
 from .clouds import Labelled, measured_trees
 from .run import PLAN, needs_extras, read_plots, scored, some_of, taught, train
@@ -165,8 +165,7 @@ def run_ablations(
         scores += _scores(way.name, ours[:plots], real, seeds, seed)
         if way.name == ALL:
             scores += _curve(ours, real, seeds, seed)
-        keys = AblationScore.__dataclass_fields__
-        write_csv(out / "ablations.csv", {k: [getattr(row, k) for row in scores] for k in keys})
+        write_rows(out / "ablations.csv", scores)
         here = [f"{row.what} {row.cloud} {row.iou:.3f}" for row in scores if row.way == way.name]
         say(f"{way.name}: {time.process_time() - began:.0f} CPU s of learning; {', '.join(here)}")
     return scores

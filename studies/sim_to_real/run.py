@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import re
 import sys
 import time
@@ -35,11 +34,12 @@ from ..inside import (
     make_dataset,
     new_figure,
     read_plan,
-    replacing,
+    read_tables,
     save_figure,
     stream,
     write_csv,
 )
+from ..tables import write_rows
 from ..validation.run import Comparison, Interval, Picture, Subject
 from .clouds import (
     LOWEST,
@@ -254,17 +254,6 @@ JOINED = "vary.sensors[*].noise.registration_sd={ log_uniform = [0.003, 0.012] }
 WAYS = ("ours", "not blurred", "network", "real", "ours + 10 % real", "rules")
 
 
-@dataclass(frozen=True)
-class Request:
-    """Request of a user: plots, seeds, where measurements are, folders of his own."""
-
-    plots: int = 12
-    seeds: int = 3
-    seed: int = 1
-    data: Path | None = None
-    real: Path | None = None
-
-
 @dataclass
 class StudyRow:
     """Scores of one label of one cloud: of every way to learn, a score a seed."""
@@ -296,18 +285,19 @@ class StudyRow:
         self.scores.setdefault(way, []).append(score)
 
 
-@dataclass(frozen=True)
-class StudyFindings:
-    """Findings of the study. importance : of each label, (F,) importances of ours and of each cloud."""
-
-    rows: list[StudyRow]
-    importance: dict[str, dict[str, np.ndarray]]
-    plots: int
-    seconds: dict[str, float]
+Importance = dict[str, dict[str, np.ndarray]]  # by label: (F,) of ours and of each cloud, summed
 
 
-def run_study(asked: Request, out: Path, say: Say = print) -> StudyFindings:
-    """Make plots, learn, test; writes scores.csv, importance.csv and study.json to ``out``.
+def run_study(
+    data: Path | None,
+    folder: Path | None,
+    out: Path,
+    plots: int,
+    seeds: int,
+    seed: int,
+    say: Say = print,
+) -> tuple[list[StudyRow], Importance]:
+    """Make plots, learn, test on the measurements and a folder of the user's; writes scores.csv to ``out``.
 
     Raises
     ------
@@ -315,42 +305,38 @@ def run_study(asked: Request, out: Path, say: Say = print) -> StudyFindings:
     """
     needs_extras()
     began = time.process_time()
-    plan = read_plan(find_plan(PLAN), [f"count={asked.plots}", f"seed={asked.seed}", JOINED])
+    plan = read_plan(find_plan(PLAN), [f"count={plots}", f"seed={seed}", JOINED])
     make_dataset(plan, out / "plots", Asked(Cluster(workers=1), quiet=False))
-    made = _seconds_of(out / "plots")
-    say(f"{asked.plots} plots: {made:.0f} CPU s when they were made")
     plain = read_plots(out / "plots")
-    ours = blurred_plots(plain, asked.seed)
-    real = list(measured_trees(asked.data / "wood")) if asked.data else []
-    real += read_folder(asked.real) if asked.real else []
+    ours = blurred_plots(plain, seed)
+    real = list(measured_trees(data / "wood")) if data else []
+    real += read_folder(folder) if folder else []
     if not real:
         raise SpecError(
             "--data",
             "no real cloud is there; give --data with wood/ in it, or --real with a folder of LAS",
         )
     rows = [row for cloud in real for row in _rows(cloud)]
-    importance: dict[str, dict[str, np.ndarray]] = {}
-    for number in range(asked.seeds):
-        seed = asked.seed * 1000 + number
-        for what in ("stem", "wood"):
+    importance: Importance = {"stem": {}, "wood": {}}
+    for number in range(seeds):
+        drawn = [some_of(some, seed * 1000 + number) for some in (ours, plain)]
+        for what, sums in importance.items():
             clouds = [cloud for cloud in real if getattr(cloud, what) is not None]
             if clouds:
-                sums = importance.setdefault(what, {})
                 mine = [row for row in rows if row.what == what]
-                _one_seed(some_of(ours, seed), some_of(plain, seed), clouds, what, mine, sums)
-        say(f"seed {number + 1} of {asked.seeds}: {time.process_time() - began:.0f} CPU s")
+                _one_seed(*drawn, clouds, what, mine, sums)
+        say(f"seed {number + 1} of {seeds}: {time.process_time() - began:.0f} CPU s")
     _by_rules(real, rows, say)
-    seconds = {"plots": made, "learning": time.process_time() - began}
-    found = StudyFindings(rows, importance, asked.plots, seconds)
-    _write(found, out)
-    return found
+    importance = {what: sums for what, sums in importance.items() if sums}
+    _write(rows, importance, out)
+    return rows, importance
 
 
 def read_plots(folder: Path) -> list[Labelled]:
     """Return the plots of a dataset of ours, all scans of a plot together, without its edge."""
     plots = []
     for one in disk.scenes_done(folder):
-        scene = read_scene_table(one.folder)
+        scene = read_tables(one.folder / "scene.toml")["forest"]
         low = np.array(scene.get("origin", (0.0, 0.0))) + EDGE
         high = low + np.array(scene["size"]) - 2 * EDGE
         within = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -362,14 +348,6 @@ def blurred_plots(ours: Sequence[Labelled], seed: int) -> list[Labelled]:
     """Our plots, each blurred by a spread of its own, drawn within ``BLUR``."""
     spreads = stream(seed, "blur").uniform(*BLUR, len(ours)).tolist()
     return [blurred(cloud, spread, seed) for cloud, spread in zip(ours, spreads, strict=True)]
-
-
-def read_scene_table(folder: Path) -> dict:
-    """Return the table ``forest`` of the scene of a folder."""
-    import tomllib
-
-    with open(folder / "scene.toml", "rb") as file:
-        return tomllib.load(file)["forest"]
 
 
 def needs_extras() -> None:
@@ -386,11 +364,6 @@ def needs_extras() -> None:
         raise SpecError(
             "study", f"needs {' and '.join(missing)}; pip install forest-sensing[study]"
         )
-
-
-def _seconds_of(folder: Path) -> float:
-    said = [json.loads(path.read_text()) for path in sorted((folder / "status").glob("*.json"))]
-    return float(sum(sum(one.get("cpu", {}).values()) for one in said))
 
 
 def _rows(cloud: Labelled) -> list[StudyRow]:
@@ -472,24 +445,20 @@ def _by_rules(real: Sequence[Labelled], rows: Sequence[StudyRow], say: Say) -> N
                 row.add("rules", Score.of(cloud.wood[cells], told[cells]))
 
 
-def _write(found: StudyFindings, out: Path) -> None:
-    table: dict[str, list] = {
-        key: []
-        for key in ("cloud", "label", "below_m", "sure", "cells", "way", "seed", "miou", "f1")
-    }
-    for row in found.rows:
-        for way, scores in row.scores.items():
-            for number, score in enumerate(scores):
-                values = (row.cloud, row.what, row.high, int(row.sure), row.cells, way, number)
-                for key, value in zip(table, (*values, score.iou, score.f1), strict=True):
-                    table[key].append(value)
-    write_csv(out / "scores.csv", table)
-    for what, sums in found.importance.items():
+def _write(rows: Sequence[StudyRow], importance: Importance, out: Path) -> None:
+    write_rows(
+        out / "scores.csv",
+        (
+            {"cloud": row.cloud, "label": row.what, "below_m": row.high, "sure": int(row.sure)}
+            | {"cells": row.cells, "way": way, "seed": number, "miou": score.iou, "f1": score.f1}
+            for row in rows
+            for way, scores in row.scores.items()
+            for number, score in enumerate(scores)
+        ),
+    )
+    for what, sums in importance.items():
         shares = {name: (total / total.sum()).tolist() for name, total in sums.items()}
         write_csv(out / f"importance-{what}.csv", {"feature": list(NAMES), **shares})
-    with replacing(out / "study.json") as text:
-        record = {"plots": found.plots, "cpu_seconds": found.seconds}
-        text.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
 # The study as a part of docs/validation.md: learning from ours beside learning from real clouds.
@@ -526,23 +495,25 @@ FOLDER` tests LAS files of your own with FOR-instance's field names.
 """
 
 
-def subject_of(found: StudyFindings, out: Path) -> Subject:
+def subject_of(rows: Sequence[StudyRow], importance: Importance, out: Path) -> Subject:
     """The part of the page, its pictures drawn into ``out/training``."""
     folder = out / "training"
     folder.mkdir(parents=True, exist_ok=True)
     pictures = (
         Picture(
-            draw_scores(found, folder / "training-scores.png"), "mIoU by what was learned from."
+            draw_scores(rows, folder / "training-scores.png"), "mIoU by what was learned from."
         ),
         Picture(
-            draw_importance(found, folder / "training-importance.png"),
+            draw_importance(importance, folder / "training-importance.png"),
             "Importance of features to a forest that learned from ours and from each real cloud: where "
             "they differ most.",
         ),
     )
-    comparisons = [_comparison(row, pictures) for row in found.rows]
-    comparisons += [_comparison(row, pictures, "not blurred") for row in found.rows]
-    return Subject("training", TITLE, SUMMARY, f"{_largest(found)}\n\n{TERMS}", tuple(comparisons))
+    comparisons = [_comparison(row, pictures) for row in rows]
+    comparisons += [_comparison(row, pictures, "not blurred") for row in rows]
+    return Subject(
+        "training", TITLE, SUMMARY, f"{_largest(importance)}\n\n{TERMS}", tuple(comparisons)
+    )
 
 
 def _comparison(row: StudyRow, pictures: tuple[Picture, ...], way: str = "ours") -> Comparison:
@@ -564,13 +535,13 @@ def _interval(row: StudyRow, way: str) -> Interval:
     return Interval.of(np.array([score.iou for score in row.scores[way]]))
 
 
-def _largest(found: StudyFindings) -> str:
+def _largest(importance: Importance) -> str:
     """Say in the classifier's terms where ours and the real clouds differ most."""
     lines = [
         "The largest differences between ours and the real clouds, in the classifier's terms:",
         "",
     ]
-    for what, sums in found.importance.items():
+    for what, sums in importance.items():
         for name in (name for name in sums if name != "ours"):
             best = _most_unlike(sums, name)[:3]
             said = ", ".join(
@@ -589,22 +560,20 @@ def _most_unlike(sums: dict[str, np.ndarray], name: str) -> list[int]:
     return np.argsort(-np.abs(_share(sums, "ours") - _share(sums, name))).tolist()
 
 
-def draw_scores(found: StudyFindings, path: Path) -> Path:
+def draw_scores(rows: Sequence[StudyRow], path: Path) -> Path:
     """Draw bars of mIoU, a group a row; returns the picture's path."""
     figure, axes = new_figure(1, (8.0, 3.4))
     axes = np.ravel(axes)[0]
     wide = 0.8 / len(WAYS)
     for number, (way, colour) in enumerate(zip(WAYS, COLOURS, strict=True)):
-        for place, row in enumerate(found.rows):
+        for place, row in enumerate(rows):
             if way in row.scores:
                 value = _interval(row, way)
                 error = [[value.value - (value.low or 0)], [(value.high or 0) - value.value]]
-                label = (
-                    way if place == len(found.rows) - 1 or (way != "rules" and not place) else None
-                )
+                label = way if place == len(rows) - 1 or (way != "rules" and not place) else None
                 x = place + (number - len(WAYS) / 2 + 0.5) * wide
                 axes.bar(x, value.value, wide, color=colour, yerr=error, label=label)
-    axes.set_xticks(range(len(found.rows)), [row.name.replace(" of ", "\n") for row in found.rows])
+    axes.set_xticks(range(len(rows)), [row.name.replace(" of ", "\n") for row in rows])
     axes.tick_params(axis="x", labelsize=6)
     axes.set_ylim(0, 1)
     axes.set_ylabel("mIoU")
@@ -614,12 +583,12 @@ def draw_scores(found: StudyFindings, path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def draw_importance(found: StudyFindings, path: Path) -> Path:
+def draw_importance(importance: Importance, path: Path) -> Path:
     """Draw importances that differ most between ours and each real cloud; returns the picture's path."""
-    pairs = [(w, n) for w, sums in found.importance.items() for n in sums if n != "ours"]
+    pairs = [(w, n) for w, sums in importance.items() for n in sums if n != "ours"]
     figure, panels = new_figure(max(len(pairs), 1), (3.0 * max(len(pairs), 1), 3.0))
     for axes, (what, name) in zip(np.ravel(panels), pairs, strict=True):
-        sums = found.importance[what]
+        sums = importance[what]
         best = _most_unlike(sums, name)[:SHOWN][::-1]
         for offset, who, colour in ((0.2, "ours", COLOURS[0]), (-0.2, name, COLOURS[3])):
             place = np.arange(len(best)) + offset

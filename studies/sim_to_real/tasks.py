@@ -33,8 +33,8 @@ from ..inside import (
     read_plan,
     replacing,
     save_figure,
-    write_csv,
 )
+from ..tables import write_rows
 from ..validation.run import Comparison, Interval, Picture, Subject
 from .clouds import TREES, follow_stem, ground_below
 from .run import PLAN
@@ -99,8 +99,7 @@ def run_tasks(
         findings.false[kind] = findings.false.get(kind, 0) + false
         hits = sum(np.isfinite(tree.away) for tree in trees)
         say(f"{name}: {hits} of {len(trees)} stems, {false} that are none")
-    keys = TaskTree.__dataclass_fields__
-    write_csv(out / "trees.csv", {k: [getattr(tree, k) for tree in findings.trees] for k in keys})
+    write_rows(out / "trees.csv", findings.trees)
     return findings
 
 

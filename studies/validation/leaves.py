@@ -122,12 +122,6 @@ def beta_of(degrees: np.ndarray) -> tuple[float, float]:
     return float(share.mean() * both), float((1 - share.mean()) * both)
 
 
-def mean_of(values: np.ndarray) -> Interval:
-    """The mean with its 95 % interval."""
-    half = 1.96 * values.std(ddof=1) / np.sqrt(len(values))
-    return Interval(float(values.mean()), *(float(values.mean() + s * half) for s in (-1, 1)))
-
-
 def _rows(
     kind: LeafKind,
     sectors: dict[str, np.ndarray],
@@ -137,13 +131,13 @@ def _rows(
 ) -> list[Comparison]:
     name = kind.measured
     samples = (measured, after, before)
-    means = [mean_of(sample) for sample in samples]
+    means = [Interval.mean(sample) for sample in samples]
     chi = [
         Interval(*(ellipsoidal(v) for v in (m.value, m.high, m.low)))
         for m in means
         if m.low and m.high
     ]
-    shown = [mean_of(np.cos(np.deg2rad(sample))) for sample in samples]
+    shown = [Interval.mean(np.cos(np.deg2rad(sample))) for sample in samples]
     parameters = [beta_of(sample) for sample in samples]
     spread = ", ".join(f"{s} {v.mean():.0f}° of {len(v)}" for s, v in sectors.items())
     beta = "; ".join(

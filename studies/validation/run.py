@@ -33,14 +33,19 @@ class Interval:
         low, middle, high = np.quantile(values, [edge, 0.5, 1 - edge])
         return Interval(float(middle), float(low), float(high))
 
+    @staticmethod
+    def mean(values: np.ndarray, errors: float = 1.96) -> Interval:
+        """Mean of values, and what lies within so many standard errors of it: 95 % as it stands."""
+        middle, half = values.mean(), errors * values.std(ddof=1) / np.sqrt(len(values))
+        return Interval(float(middle), float(middle - half), float(middle + half))
+
     def meets(self, other: Interval) -> bool:
         """Return whether the intervals overlap; a value without an interval is a point."""
-        mine, theirs = self._ends(), other._ends()
-        return mine[0] <= theirs[1] and theirs[0] <= mine[1]
-
-    def _ends(self) -> tuple[float, float]:
-        low = self.value if self.low is None else self.low
-        return low, self.value if self.high is None else self.high
+        (low, high), (least, most) = (
+            (each.value, each.value) if each.low is None else (each.low, each.high)
+            for each in (self, other)
+        )
+        return low <= most and least <= high
 
     def text(self) -> str:
         """The value as a table shows it."""
@@ -362,21 +367,9 @@ def keep_subject(part: Subject, folder: Path) -> None:
 
 def tell_subject(part: Subject, seconds: float, say: Say) -> None:
     """Say a subject's table, and what does not agree."""
-    say(f"\n{part.title} ({seconds:.0f} CPU s)")
-    rows = [_row(c) for c in part.comparisons]
-    head = ("", "measured", "simulated", "")
-    width = [max(len(row[k]) for row in [head, *rows]) for k in range(4)]
-    for row in [head, *rows]:
-        say("  " + "  ".join(text.ljust(w) for text, w in zip(row, width, strict=True)).rstrip())
+    say(f"\n{part.title} ({seconds:.0f} CPU s)\n")
+    for line in table_of(part.comparisons):
+        say(line)
     for comparison in part.comparisons:
         if comparison.agrees is False and comparison.words:
-            say(f"  {comparison.quantity}: {comparison.words}")
-
-
-def _row(c: Comparison) -> tuple[str, str, str, str]:
-    return (
-        f"{c.quantity}, {c.unit}" if c.unit else c.quantity,
-        c.measured.text() if c.measured else "not measured",
-        c.simulated.text() if c.simulated else "-",
-        c.verdict,
-    )
+            say(f"\n{comparison.quantity}: {comparison.words}")

@@ -369,7 +369,7 @@ def compare_diameters(folder: Path, seed: int) -> list[Comparison]:
     """Bias of scanned diameters of stems with bark, where the plots have theirs."""
     stems, chance, left = matched_stems(folder)
     less = stems[:, 2] - stems[:, 1]
-    real, rough = Interval(*_mean(less)), _scanned(folder, seed)
+    real, rough = Interval.mean(less), _scanned(folder, seed)
     smooth = _scanned(folder, seed, bark=False)
     ours, found = (100 * (s.fortls - s.tape)[np.isfinite(s.fortls)] for s in (rough, smooth))
     away = rough.range[np.isfinite(rough.fortls)]
@@ -388,7 +388,7 @@ def compare_diameters(folder: Path, seed: int) -> list[Comparison]:
     return [
         Comparison(
             *("diameter at breast height, scan less hand, same stems", "cm", real),
-            Interval(*_mean(ours)),
+            Interval.mean(ours),
             bool(abs(ours.mean() - real.value) <= NEAR_BIAS),
             words=words,
             before=Interval(float(found.mean())),
@@ -405,12 +405,6 @@ def _scanned(folder: Path, seed: int, bark: bool = True) -> ScannedStems:
         stand = stand[np.isfinite(stand[:, 3]) & (stand[:, 2] > NEAREST)]
         slices.append(scan_plot(stand[:, [0, 1, 3]], 1000 * (seed + number), bark))
     return ScannedStems.joined(slices)
-
-
-def _mean(values: np.ndarray) -> tuple[float, float, float]:
-    """Mean, and the ends of its 95 % interval."""
-    middle, error = float(values.mean()), 1.96 * float(values.std(ddof=1)) / np.sqrt(len(values))
-    return middle, middle - error, middle + error
 
 
 def _by_range(away: np.ndarray, less: np.ndarray) -> str:

@@ -346,18 +346,13 @@ def _by_order(found: np.ndarray, least: np.ndarray) -> np.ndarray:
 
 def _branch_row(what: str, unit: str, known: np.ndarray, mine: np.ndarray) -> Comparison:
     known, mine = known[np.isfinite(mine)], mine[np.isfinite(mine)]
-    both = [_mean_of(values) for values in (known, mine)]
+    both = [Interval.mean(values, 2.0) for values in (known, mine)]
     near = bool(abs(np.log(both[1].value / both[0].value)) <= np.log(ALIKE))
     words = (
         f"{len(known)} trees, five species of ours for each; mean and its 95 % interval; "
         f"measured are {known.min():.3g} to {known.max():.3g}, ours {mine.min():.3g} to {mine.max():.3g}."
     )
     return Comparison(f"broadleaves by scan, {what}", unit, *both, near, words)
-
-
-def _mean_of(values: np.ndarray) -> Interval:
-    middle, half = values.mean(), 2.0 * values.std(ddof=1) / np.sqrt(len(values))
-    return Interval(float(middle), float(middle - half), float(middle + half))
 
 
 def read_trees(path: Path) -> dict[str, dict[str, np.ndarray]]:

@@ -27,7 +27,7 @@ from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Flight, SpecError, Wind
 from forest_addon.stand.wind import WindField
-from studies.flight import theory
+from studies.flight import speed as theory
 from studies.flight.learn import train
 
 ALONG = Flight(aim="heading", distance=30.0, start=(0.0, 0.0, 1.5), steps=400, speed=4.0, step=0.1)

@@ -11,14 +11,13 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.tree_map import read_tree_map
 from forest_addon.stand.statistics.intensity import Window
 from studies.validation import tapes as residuals
-from studies.validation.covariates import fit_covariates
 from studies.validation.leaves import (
     KINDS,
     inclinations,
     read_angles,
     validate,
 )
-from studies.validation.stand import MAPS, judge
+from studies.validation.stand import MAPS, fit_covariates, judge
 from studies.validation.tapes import (
     bole,
     breast_diameter,

@@ -34,6 +34,7 @@ from studies.validation.flights import (
     trees_of,
 )
 from studies.validation.flights import HELD_BY_WOOD as WOOD
+from studies.validation.lidar import detected
 from studies.validation.own_cloud import CloudReturns, compare_own, read_cloud
 from studies.validation.plots import VOXEL, measure_plot
 from studies.validation.stems import (
@@ -46,7 +47,6 @@ from studies.validation.stems import (
     taubin,
     thicker,
 )
-from studies.validation.twin import detected
 
 
 def test_a_circle_through_an_arc_is_found_again():
