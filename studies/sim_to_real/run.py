@@ -60,11 +60,6 @@ NOW = (
 )
 
 
-def can_separate() -> bool:
-    """Tell whether TLSeparation is installed."""
-    return find_spec(NAME) is not None
-
-
 def wood_by_rules(points: np.ndarray) -> np.ndarray:
     """(P,) whether the points (P, 3), metres, of a tree are wood, by ``large_tree_3`` as it
     comes; ``generic_tree`` fails where a cloud has no points of its class trunk.
@@ -433,7 +428,7 @@ def _add(sums: dict[str, np.ndarray], name: str, values: np.ndarray) -> None:
 
 def _by_rules(real: Sequence[Labelled], rows: Sequence[StudyRow], say: Say) -> None:
     """Note the scores of TLSeparation where the wood of a tree is known."""
-    if not can_separate():
+    if find_spec(NAME) is None:
         say("tlseparation is not installed: no scores of rules (pip install forest-sensing[study])")
         return
     for cloud in real:

@@ -48,15 +48,6 @@ PICTURE = (8, 6, 4)  # times, frequencies about the tone and below it, of the fe
 KNOTS = np.append(np.linspace(0, LASTS - SWEEP, 10)[:-1], np.linspace(LASTS - SWEEP, LASTS, 25))
 
 
-@dataclass(frozen=True)
-class EarEchoes:
-    """Echoes (N, T) of a tone and of a tone with a sweep, and the motion (N,) of the ear."""
-
-    tone: np.ndarray
-    both: np.ndarray
-    motion: np.ndarray
-
-
 def displaced(
     sway: ForestSway, tree: int, points: np.ndarray, leaf: np.ndarray, time: float
 ) -> np.ndarray:
@@ -105,10 +96,10 @@ class Shrub:
 def told(speed: float, trials: int, seed: int) -> dict[str, tuple[float, float]]:
     """Shares of ear motions that are named rightly, and standard errors, of a tone and of a tone and a sweep,
     before a shrub in wind of a speed in m/s."""
-    heard = listen(speed, trials, seed)
+    tone, both, motion = listen(speed, trials, seed)
     return {
-        name: named_rightly(features(echo), heard.motion, seed)
-        for name, echo in (("tone", heard.tone), ("tone and sweep", heard.both))
+        name: named_rightly(features(echo), motion, seed)
+        for name, echo in (("tone", tone), ("tone and sweep", both))
     }
 
 
@@ -140,8 +131,9 @@ def of_ears(seed: int) -> list[Comparison]:
     ]
 
 
-def listen(speed: float, trials: int, seed: int) -> EarEchoes:
-    """Echoes of a shrub to an ear that turns, from places around it and at moments drawn at random."""
+def listen(speed: float, trials: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Echoes (N, T) of a tone and of a tone with a sweep, off a shrub to an ear that turns, from places about
+    it and at moments drawn at random; and the motion (N,) of the ear."""
     shrub, rng = Shrub.grown(speed, seed), stream(seed, "ears")
     motion, found = np.arange(trials) % len(MOTIONS), []
     middle = shrub.place @ np.append(shrub.centre.mean(axis=0), 1.0)
@@ -154,7 +146,7 @@ def listen(speed: float, trials: int, seed: int) -> EarEchoes:
         turn = list(MOTIONS.values())[kind]
         found.append(echoes_of(where, normal, shrub.radius[leaf], (mouth, frame), turn))
     tone, both = np.array(found).swapaxes(0, 1)
-    return EarEchoes(tone, both, motion)
+    return tone, both, motion
 
 
 def echoes_of(
@@ -169,7 +161,8 @@ def echoes_of(
     sonar : its place (3,) and frame (3, 3). turn : of the ear, to the side and up.
     """
     mouth, frame = sonar
-    frequency, horseshoe = np.array([_frequency(t) for t in KNOTS.tolist()]), Horseshoe()
+    horseshoe, swept = Horseshoe(), np.clip((KNOTS - (LASTS - SWEEP)) / SWEEP, 0, 1)
+    frequency = 1 / (1 / HIGH + swept * (1 / LOW - 1 / HIGH))  # a tone, then a hyperbolic sweep
     gain, late = np.empty(where.shape[:2], np.complex128), np.empty(where.shape[:2])
     for k, time in enumerate(KNOTS.tolist()):
         out = where[k] - mouth
@@ -216,12 +209,6 @@ def _played(gain: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     padded = (np.pad(x, (0, max(0, begin + long - count))) for x in (tone, both))
     one, other = (x[begin : begin + long].real for x in padded)
     return one, other
-
-
-def _frequency(time: float) -> float:
-    """Hz at a time of the call, s: a tone, then a hyperbolic sweep."""
-    share = np.clip((time - (LASTS - SWEEP)) / SWEEP, 0, 1)
-    return float(1 / (1 / HIGH + share * (1 / LOW - 1 / HIGH)))
 
 
 def _call(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,11 +59,11 @@ class Interval:
 class Picture:
     """A drawn file and the sentence below it."""
 
-    path: Path
+    file: Path
     words: str
 
 
-AGREES, DIFFERS, UNTOLD = "agrees", "does not agree", "not told apart"
+VERDICTS = AGREES, DIFFERS, UNTOLD, UNJUDGED = "agrees", "does not agree", "not told apart", "-"
 BLIND = 0.5  # relative difference that a row has to be able to tell
 
 
@@ -98,26 +99,7 @@ class Comparison:
         """The verdict in a word: intervals that any likely value would overlap are no agreement."""
         if self.agrees and self.power is not None and self.power > BLIND:
             return UNTOLD
-        return {True: AGREES, False: DIFFERS, None: "-"}[self.agrees]
-
-
-def as_record(comparison: Comparison) -> dict:
-    """A comparison as JSON keeps it; pictures by the names of their files."""
-    record = asdict(comparison)
-    record["pictures"] = [
-        {"file": picture.path.name, "words": picture.words} for picture in comparison.pictures
-    ]
-    return record
-
-
-def from_record(record: dict, folder: Path) -> Comparison:
-    """The comparison of a record, its pictures in ``folder``."""
-    intervals = {
-        name: Interval(**record[name]) if record[name] else None
-        for name in ("measured", "simulated", "before")
-    }
-    pictures = tuple(Picture(folder / p["file"], p["words"]) for p in record["pictures"])
-    return Comparison(**(record | intervals | {"pictures": pictures}))
+        return {True: AGREES, False: DIFFERS, None: UNJUDGED}[self.agrees]
 
 
 def _number(value: float) -> str:
@@ -207,8 +189,8 @@ def part_text(part: Subject, pictures: str) -> str:
     if said:
         lines += [*said, ""]
     where = f"{pictures}/" if pictures else ""
-    for picture in {p.path: p for c in part.comparisons for p in c.pictures}.values():
-        lines += [f"![]({where}{picture.path.name})", "", picture.words, ""]
+    for picture in {p.file: p for c in part.comparisons for p in c.pictures}.values():
+        lines += [f"![]({where}{picture.file.name})", "", picture.words, ""]
     if part.terms:
         lines += [part.terms.strip(), ""]
     return "\n".join(lines)
@@ -216,12 +198,17 @@ def part_text(part: Subject, pictures: str) -> str:
 
 def page_text(parts: Sequence[Subject], pictures: str) -> str:
     """The whole page."""
-    every = [c for part in parts for c in part.comparisons]
-    agree, disagree, untold = (_count(every, verdict) for verdict in (AGREES, DIFFERS, UNTOLD))
+    counts = np.array(
+        [[sum(c.verdict == v for c in part.comparisons) for v in VERDICTS] for part in parts]
+    )
+    agree, disagree, untold, _ = counts.sum(axis=0)
     overview = [
         "| | agree | do not | not told apart | not judged |",
         "|---|---|---|---|---|",
-        *(_counts_of(part) for part in parts),
+        *(
+            f"| {p.title} | {' | '.join(map(str, row))} |"
+            for p, row in zip(parts, counts, strict=True)
+        ),
     ]
     said = (
         f"Of {agree + disagree + untold} quantities that were judged, {agree} agree, {disagree} do not and "
@@ -231,21 +218,12 @@ def page_text(parts: Sequence[Subject], pictures: str) -> str:
     return "\n".join([*texts, *(part_text(part, pictures) for part in parts), TAIL])
 
 
-def _counts_of(part: Subject) -> str:
-    counts = [_count(part.comparisons, verdict) for verdict in (AGREES, DIFFERS, UNTOLD, "-")]
-    return f"| {part.title} | " + " | ".join(map(str, counts)) + " |"
-
-
-def _count(comparisons: Sequence[Comparison], verdict: str) -> int:
-    return sum(c.verdict == verdict for c in comparisons)
-
-
 def copy_pictures(part: Subject, folder: Path) -> None:
     """Put a part's pictures into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for comparison in part.comparisons:
         for picture in comparison.pictures:
-            write_whole(folder / picture.path.name, picture.path.read_bytes())
+            write_whole(folder / picture.file.name, picture.file.read_bytes())
 
 
 # Run validations: print their tables; keep each as JSON, Markdown and pictures in its own folder.
@@ -344,25 +322,28 @@ def write_page(out: Path, docs: Path) -> Path:
 
 
 def _read(file: Path, pictures: Path) -> Subject:
+    """A subject as it was kept, its pictures in a folder."""
     kept = json.loads(file.read_text(encoding="utf-8"))
-    comparisons = tuple(from_record(record, pictures) for record in kept.pop("comparisons"))
-    return Subject(**kept, comparisons=comparisons)
+    comparisons = []
+    for record in kept.pop("comparisons"):
+        for name in ("measured", "simulated", "before"):
+            record[name] = Interval(**record[name]) if record[name] else None
+        drawn = (Picture(pictures / one["file"], one["words"]) for one in record["pictures"])
+        comparisons.append(Comparison(**(record | {"pictures": tuple(drawn)})))
+    return Subject(**kept, comparisons=tuple(comparisons))
 
 
 def keep_subject(part: Subject, folder: Path) -> None:
     """Write a subject as JSON and Markdown into a folder, where ``write_page`` finds it."""
     folder.mkdir(parents=True, exist_ok=True)
-    record = {
-        "name": part.name,
-        "title": part.title,
-        "summary": part.summary,
-        "terms": part.terms,
-        "comparisons": [as_record(c) for c in part.comparisons],
-    }
-    write_whole(
-        folder / KEPT, json.dumps(record, indent=1, ensure_ascii=False, default=lambda v: v.item())
-    )
+    record = json.dumps(asdict(part), indent=1, ensure_ascii=False, default=_plain)
+    write_whole(folder / KEPT, record)
     write_whole(folder / "validation.md", part_text(part, ""))
+
+
+def _plain(value: Path | np.generic) -> Any:
+    """A picture by its name, a number of numpy as one of Python."""
+    return value.name if isinstance(value, Path) else value.item()
 
 
 def tell_subject(part: Subject, seconds: float, say: Say) -> None:

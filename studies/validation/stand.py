@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,6 @@ from ..inside import (
     SIMULATIONS,
     Constant,
     Envelope,
-    Intensity,
     Process,
     RasterIntensity,
     Window,
@@ -72,7 +72,8 @@ MAPS = (
     Map("finpines", (-5, -8), (5, 2), 2.5, "126 young pines"),
     Map("spruces", (0, 0), (56, 38), 9, "134 spruces of a tended stand"),
 )
-Draw = Callable[[np.random.Generator], np.ndarray]
+# Its name, what was fitted, its intensity, and what draws trees by it.
+Law = tuple[str, str, Process, Callable[[np.random.Generator], np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         radius = np.linspace(stand.reach / 40, stand.reach, 40)
         covariates = terrain(data / "stands" / "bei_terrain.npz") if stand.name == "bei" else None
         laws = judge(stand, points, radius, covariates, arguments.seed)
-        best = max(laws, key=lambda law: (law.excess.p_value, -_strays(law.excess)))
+        best = max(laws, key=lambda law: (law.excess.p_value, -_strays(law.excess).max()))
         drawn.append((stand, radius, laws[0], best))
         found.append(_row(stand, radius, laws, best))
     picture = Picture(
@@ -116,86 +117,56 @@ def judge(
 ) -> list[Judged]:
     """The map under each law, Poisson of one intensity first."""
     window = Window.rectangle(stand.low, stand.high)
-    even = Process(Constant(len(points) / window.area), window.low, window.high)
-    laws = [_under("Poisson", "", even, points, window, radius, seed, lambda r: sample(even, r))]
-    process, prefix = even, ""
+    process = even = Process(Constant(len(points) / window.area), window.low, window.high)
+    laws: list[Law] = [("Poisson", "", even, partial(sample, even))]
+    prefix = ""
     if covariates is not None:
         fit = fit_covariates(points, covariates, window)
-        process, prefix = Process(_intensity(fit), window.low, window.high), "terrain, "
+        rate = RasterIntensity(fit.pixels[::-1].copy(), window.low, window.extent, "terrain")
+        process, prefix = Process(rate, window.low, window.high), "terrain, "
         terms = ", ".join(
             f"{b:.3g} ± {1.96 * e:.2g}"
             for b, e in zip(fit.coefficient[1:], fit.error[1:], strict=True)
         )
         words = f"log λ by elevation and slope: {terms}"
-        laws.append(
-            _under(
-                "terrain",
-                words,
-                process,
-                points,
-                window,
-                radius,
-                seed,
-                lambda r: sample(process, r),
-            )
-        )
+        laws.append(("terrain", words, process, partial(sample, process)))
     k = inhomogeneous_k(points, process.at(points), window, radius)
     if (k.l_function > radius).any():
         groups = fit_clusters(k)
         words = f"{groups.groups * 1e4:.3g} groups/ha, σ = {groups.spread:.3g} m"
-        draw = lambda r: sample_clusters(process, groups, r)  # noqa: E731
-        laws.append(_under(prefix + "clusters", words, process, points, window, radius, seed, draw))
+        draw = partial(sample_clusters, process, groups)
+        laws.append((prefix + "clusters", words, process, draw))
     if covariates is None:
-        radii = np.linspace(0.05, 0.6, 12) * stand.reach
-        strauss, _ = fit_strauss(points, window, radii)
+        strauss, _ = fit_strauss(points, window, np.linspace(0.05, 0.6, 12) * stand.reach)
         if strauss.gamma < 0.95:
             words = f"R = {strauss.radius:.3g} m, γ = {strauss.gamma:.2g}"
-            laws.append(
-                _under(
-                    *("strauss", words, process, points, window, radius, seed),
-                    lambda r: sample_strauss(process, strauss, r),
-                )
-            )
-    return laws
+            laws.append(("strauss", words, process, partial(sample_strauss, process, strauss)))
+    return [_under(law, points, window, radius, seed) for law in laws]
 
 
-def _under(
-    name: str,
-    words: str,
-    process: Process,
-    points: np.ndarray,
-    window: Window,
-    radius: np.ndarray,
-    seed: int,
-    draw: Draw,
-) -> Judged:
+def _under(law: Law, points: np.ndarray, window: Window, radius: np.ndarray, seed: int) -> Judged:
+    name, words, process, draw = law
+
     def excess(trees: np.ndarray) -> np.ndarray:
         k = inhomogeneous_k(trees, process.at(trees), window, radius)
         return np.asarray(k.l_function - radius)
 
-    drawn = [
-        excess(draw(stream(seed, "validate stand", name, number))) for number in range(SIMULATIONS)
-    ]
+    drawn = [excess(draw(stream(seed, "validate stand", name, n))) for n in range(SIMULATIONS)]
     return Judged(name, words, envelope(excess(points), np.array(drawn)))
-
-
-def _intensity(fit: LogLinear) -> Intensity:
-    return RasterIntensity(fit.pixels[::-1].copy(), fit.window.low, fit.window.extent, "terrain")
 
 
 def _between(corners: np.ndarray) -> np.ndarray:
     return (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 4
 
 
-def _strays(excess: Envelope) -> float:
-    """Distance of a map from the mean of a law, in the law's global reach."""
+def _strays(excess: Envelope) -> np.ndarray:
+    """(R,) distances of a map from the mean of a law, in the law's global reach."""
     half = np.maximum(excess.global_high - excess.mean, 1e-300)
-    return float((np.abs(excess.observed - excess.mean) / half).max())
+    return np.asarray(np.abs(excess.observed - excess.mean) / half)
 
 
 def _row(stand: Map, radius: np.ndarray, laws: list[Judged], best: Judged) -> Comparison:
-    half = np.maximum(best.excess.global_high - best.excess.mean, 1e-300)
-    k = int(np.argmax(np.abs(best.excess.observed - best.excess.mean) / half))
+    k = int(np.argmax(_strays(best.excess)))
     said = "; ".join(
         f"{law.name}{f' ({law.words})' if law.words else ''} p = {law.excess.p_value:.3g}"
         for law in laws

@@ -179,7 +179,7 @@ def test_measured_variants_are_not_refused_and_presets_of_papers_are(tmp_path):
         assert tests[0].pvalue > 1e-3 > tests[1].pvalue
     found = validate(FOUND, tmp_path, argparse.Namespace(seed=1))
     assert len(found) == 4 * len(KINDS)
-    assert found[-1].pictures[0].path.stat().st_size < 150_000
+    assert found[-1].pictures[0].file.stat().st_size < 150_000
 
 
 # --------------------------------------------------------------------------------------------- stand

@@ -72,7 +72,7 @@ def test_a_recording_of_ones_own(tmp_path, monkeypatch):
     found = reverb.validate(tmp_path, tmp_path, own)
     assert found[0].quantity == "T20 at 250 Hz"
     assert found[1].measured.value == pytest.approx(0.5, rel=0.15)
-    assert found[0].pictures[0].path.is_file()
+    assert found[0].pictures[0].file.is_file()
 
 
 @pytest.mark.slow
