@@ -96,19 +96,6 @@ class IntensityScale:
         return np.asarray(10 ** (level / 10))
 
 
-def span_of(
-    crown: np.ndarray, ground: np.ndarray, alone: tuple[float, float], total: float = 1.0
-) -> float:
-    """Decibels between intensities 0 and 65535 that make the light of two returns of a pulse ``total``.
-
-    crown, ground : (P,) intensities of both returns. alone : median intensities of single returns of crowns
-    and of the ground.
-    """
-    return float(
-        brentq(lambda span: _sum_of(crown, ground, alone, span) - total, *SPANS, xtol=0.01)
-    )
-
-
 def _sum_of(
     crown: np.ndarray, ground: np.ndarray, alone: tuple[float, float], span: float
 ) -> float:
@@ -120,12 +107,6 @@ def _sum_of(
     return float(np.median(each[0] + each[1]))
 
 
-def light_of_two(returns: CloudReturns, height: np.ndarray, scale: IntensityScale) -> float:
-    """Light of two returns, of a crown and of the ground, over single ones': of a cloud of known scale."""
-    crown, ground = _shared(returns, height)
-    return _sum_of(crown, ground, singles(returns, height), scale.high - scale.low)
-
-
 def scale_of(
     returns: CloudReturns, height: np.ndarray, ground: float, total: float = 1.0
 ) -> IntensityScale:
@@ -134,7 +115,8 @@ def scale_of(
     total : what the light of two returns sums to, of single ones'.
     """
     alone = singles(returns, height)
-    span = span_of(*_shared(returns, height), alone, total)
+    two = _shared(returns, height)
+    span = float(brentq(lambda span: _sum_of(*two, alone, span) - total, *SPANS, xtol=0.01))
     high = 10 * np.log10(ground) + span * (1 - alone[1] / FULL)
     return IntensityScale(high - span, high)
 
@@ -429,9 +411,9 @@ def flown_again(
 
 def scaled_like(read: ReadFlight, known: ReadFlight) -> ReadFlight:
     """A flight with the scale that makes the light of two of its returns sum to that of a known scale."""
-    total = light_of_two(
-        known.returns.take(known.steep), known.height[known.steep], known.flight.scale
-    )
+    two, height = known.returns.take(known.steep), known.height[known.steep]
+    span = known.flight.scale.high - known.flight.scale.low
+    total = _sum_of(*_shared(two, height), singles(two, height), span)
     some = read.returns.take(read.steep)
     scale = scale_of(some, read.height[read.steep], SOIL, total)
     return replace(read, flight=replace(read.flight, scale=scale))

@@ -487,7 +487,7 @@ def judge_agreement(
 ) -> list[Comparison]:
     """A row an octave, and one of the stands that agree best. share : of T20. decibels : of C50."""
     every = [
-        expected_energy(stand, path, measured.band, LAST, PACKETS, _sent(path.source)).decay(
+        expected_energy(stand, path, measured.band, LAST, PACKETS, sent_by(path.source, 2)).decay(
             path.air.speed()
         )
         for stand in stands
@@ -515,11 +515,9 @@ def judge_agreement(
     return [*rows, _best(stands, near.sum(axis=1) + clear.sum(axis=1), 2 * len(measured.band))]
 
 
-def _sent(source: Directivity) -> Callable[[float], Sent]:
-    def of(frequency: float) -> Sent:
-        return lambda way: source.around(way[:, 2], frequency) ** 2
-
-    return of
+def sent_by(source: Directivity, axis: int) -> Callable[[float], Sent]:
+    """Energy that a source sends by ways, by frequency, re that along its axis, of x, y and z."""
+    return lambda frequency: lambda way: source.around(way[:, axis], frequency) ** 2
 
 
 def effects_of(stands: Sequence[PlausibleStand], values: np.ndarray) -> dict[str, np.ndarray]:
@@ -600,11 +598,6 @@ def range_of(stand: PlausibleStand, distance: np.ndarray, height: float = 1.5) -
     return Range(distance, excess - excess[:, distance == NEAREST])
 
 
-def _towards_the_transect(frequency: float) -> Sent:
-    """Return the energy that the loudspeaker sends by ways, re that along x."""
-    return lambda way: MONITOR.around(way[:, 0], frequency) ** 2
-
-
 def _air(band: np.ndarray | float) -> np.ndarray:
     return absorption(np.asarray(band), ALPINE.temperature_c, ALPINE.humidity, ALPINE.pressure_kpa)
 
@@ -612,6 +605,6 @@ def _air(band: np.ndarray | float) -> np.ndarray:
 def _levels(stand: PlausibleStand, distance: float, height: float) -> np.ndarray:
     """(B,) dB of all energy, re the source's at 1 m."""
     path = SoundPath(distance, height, 32e3, ALPINE)
-    energy = expected_energy(stand, path, BANDS, LEVEL_LAST, LEVEL_PACKETS, _towards_the_transect)
+    energy = expected_energy(stand, path, BANDS, LEVEL_LAST, LEVEL_PACKETS, sent_by(MONITOR, 0))
     whole = energy.direct + trapezoid(energy.scattered, energy.length, axis=1)
     return np.asarray(10.0 * np.log10(whole))

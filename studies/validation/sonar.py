@@ -27,7 +27,6 @@ from ..inside import (
     WOOD,
     EchoTargets,
     Equipment,
-    SceneGeometry,
     Station,
     blank_figure,
     join_meshes,
@@ -39,6 +38,7 @@ from ..inside import (
     stream,
     tube,
 )
+from ..scenes import scene_of, turned
 from .run import Comparison, Interval, Picture
 
 TITLE = "Sonar: echoes of a planter"
@@ -100,6 +100,9 @@ MEASURES = {  # quantity and unit of what ``measures`` gives, in order
     "peak": ("peak over root mean square", ""),
     "late": ("energy later than 3 ms, of all", "dB"),
 }
+
+
+Where = tuple[float, float]  # turn about the upright axis, rad, and metres along x
 
 
 @dataclass(frozen=True)
@@ -188,17 +191,11 @@ def pole_mesh(radius: float, distance: float, height: float) -> TriMesh:
     return TriMesh.of_part(*tube(axis, np.full(2, radius), 64), WOOD)
 
 
-def scene_of(*meshes: TriMesh) -> SceneGeometry:
-    """Meshes as they stand, an instance each."""
-    count = np.arange(len(meshes))
-    names = tuple(f"mesh {n}" for n in count)
-    places = np.tile(np.eye(3, 4), (len(meshes), 1, 1))
-    return SceneGeometry(meshes, places, count, names, count - count - 1, count - count - 1)
-
-
-def heard(meshes: Sequence[TriMesh], width: float, **settings: Any) -> tuple[np.ndarray, ...]:
+def heard(
+    meshes: Sequence[TriMesh], width: float, where: Where = (0.0, 0.0), **settings: Any
+) -> tuple[np.ndarray, ...]:
     """(K,) Hz and the transfer function (K,) of a ping from the origin along x; settings : of the sonar."""
-    echo = pinged(meshes, sonar_of(width, **settings))
+    echo = pinged(meshes, sonar_of(width, **settings), where)
     return echo.frequency, echo.spectrum
 
 
@@ -209,9 +206,11 @@ def sonar_of(width: float, **settings: Any) -> Sonar:
     return Sonar(position=(0, 0, 0), sample_rate=RATE, beam_width_deg=beam, **given)
 
 
-def pinged(meshes: Sequence[TriMesh], sonar: Sonar) -> Echo:
-    """The echo of meshes, which shade as the sonar's settings say."""
-    scene = scene_of(*(mesh for mesh in meshes if len(mesh.triangles)))
+def pinged(meshes: Sequence[TriMesh], sonar: Sonar, where: Where = (0.0, 0.0)) -> Echo:
+    """The echo of meshes, which shade as the sonar's settings say; where : turn, rad, and metres along x."""
+    some = [mesh for mesh in meshes if len(mesh.triangles)]
+    place = np.tile([where[1], 0.0], (len(some), 1))
+    scene = scene_of(some, turned(place, np.full(len(some), where[0])))
     wood = make_caster(scene.solid(), Rays()) if "trunks" in sonar.shading else None
     everything = make_caster(scene, Rays()) if "extinction" in sonar.shading else None
     return ping(EchoTargets(scene), sonar, Air(), wood, everything=everything)
@@ -347,13 +346,6 @@ def leaves_of(plant: PottedPlant, curved: bool) -> TriMesh:
     return replace(mesh, leaf=np.repeat(np.arange(count), len(tile)).astype(np.int32))
 
 
-def turned(mesh: TriMesh, angle: float, distance: float) -> TriMesh:
-    """A mesh turned about the upright axis through 0 and moved along x."""
-    c, s = math.cos(angle), math.sin(angle)
-    moved = mesh.vertices @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return replace(mesh, vertices=moved + np.array([distance, 0.0, 0.0]))
-
-
 # What is in a simulation: whether leaves are alone, whether they are bent, settings of the sonar, plants.
 WAYS: dict[str, tuple[bool, bool, dict[str, Any], int]] = {
     "as the sonar comes": (False, False, {}, PLANTS),
@@ -378,8 +370,7 @@ def echoes_of(plant: PottedPlant, recorder: Recorder, distance: float, way: str)
         parts += [plant.wood, plant.pot]
     echoes = []
     for angle in 2 * math.pi / ASPECTS * np.arange(ASPECTS):
-        meshes = [turned(part, angle, distance) for part in parts]
-        _, transfer = heard(meshes, recorder.width, **settings)
+        _, transfer = heard(parts, recorder.width, (angle, distance), **settings)
         echoes.append(sounded(recorder, transfer))
     return np.array(echoes)
 
@@ -484,7 +475,7 @@ def _of_echoes(plants: Sequence[PottedPlant], recorders: Sequence[Recorder]) -> 
         if len(plant.centre) > SOLVED:
             continue
         sonar = sonar_of(recorder.width, band=NARROW, shading="extinction")
-        echo = pinged([turned(leaves_of(plant, False), 0.0, DISTANCES[0])], sonar)
+        echo = pinged([leaves_of(plant, False)], sonar, (0.0, DISTANCES[0]))
         station = Station(sonar, Air(), echo.pose, Equipment.of(sonar))
         leaves = nearest_leaves(echo.groups, SOLVED)
         if leaves is not None:
