@@ -59,8 +59,8 @@ def say_rows(say: Say, section: str, names: Iterable[str]) -> dict[str, Told]:
         )
         rate = told["many"] / told["next"] if told["next"] else float("inf")
         speed = f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}"
-        alike = told["numpy_error"] == told["error"]
-        errors = [told["error"], "the same" if alike else told["numpy_error"] or "-"]
+        errors = [told["error"] or "-", told["numpy_error"] or "-"]
+        errors[1] = "the same" if errors[1] == errors[0] != "-" else errors[1]
         many = f"{told['many']:,}"
         say_row(
             say, [name, many, first, again, clock, speed, numpy, *errors, f"{told['peak']:.0f}"]

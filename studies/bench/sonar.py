@@ -76,7 +76,7 @@ def _pings(count: int, width: float, **settings: Any) -> Row:
     sonar = Sonar(beam_width_deg=(width, width), shading="none", cull=0.01, **POSE, **settings)
 
     def work() -> tuple[Sonar, Echo]:
-        one = sonar.changed(azimuth_deg=45.0 * (next(number) % 8))
+        one = sonar.changed(azimuth_deg=45.0 * (next(number) // 2))  # alike of both ways
         return one, ping(targets, one, Air())
 
     def error(found: tuple[Sonar, Echo]) -> str:
