@@ -256,6 +256,7 @@ INSIDE = {
     "write_like": "headless.surveys:write_like",
     "Worker": "headless.dataset.engine:Worker",
     "disk": "headless.dataset.disk:",
+    "table_of": "headless.dataset.disk:table_of",
     "remove_scene": "headless.dataset.disk:remove_scene",
     "scenes_done": "headless.dataset.disk:scenes_done",
     "Cluster": "headless.dataset.engine:Cluster",

@@ -42,7 +42,8 @@ pair, 62.5 Hz to 1 kHz, in the plane; median of 3 stands.
 SIDE = 1000.0  # m
 AIR = Air(sound_speed=343.0)
 LOW = np.array([5.0, 10.0, 17.0])  # Hz
-RADIUS, RADII = (0.25, 0.25), (0.05, 0.3)  # m
+RADIUS, RADII, THIN = (0.25, 0.25), (0.05, 0.3), (0.03, 0.3)  # m
+SAID = {RADIUS: "0.25 m", RADII: "0.05 to 0.3 m", THIN: "0.03 to 0.3 m"}
 
 
 def trunks_at_random(count: int, radii: tuple[float, float], side: float = SIDE) -> Trunks:
@@ -203,14 +204,14 @@ SUMS: dict[str, tuple] = {
         for count, t in product((1_000, 10_000, 100_000), (1e-2, 1e-4))
     },
     **{
-        f"{count:,} trunks of {radii} m on {side:g} m, {rate / 1e3:g} kHz, {seconds or 'all'} s, {t:.0e}": (
+        f"{count:,} trunks of {SAID[radii]} on {side:g} m, {rate / 1e3:g} kHz, {seconds or 'all'} s, {t:.0e}": (
             *(count, radii, t, rate, 10.0, side, seconds),
         )
         for count, radii, side, rate, seconds, tolerances in (
             (1_000, RADIUS, 1000.0, 24e3, 1.0, (1e-4, 1e-6)),
-            (30_000, (0.03, 0.3), 600.0, 24e3, None, (1e-4, 1e-6)),
-            (30_000, (0.03, 0.3), 600.0, 96e3, None, (1e-4,)),
-            (200, (0.03, 0.3), 100.0, 24e3, 0.5, (1e-4, 1e-6)),
+            (30_000, THIN, 600.0, 24e3, None, (1e-4, 1e-6)),
+            (30_000, THIN, 600.0, 96e3, None, (1e-4,)),
+            (200, THIN, 100.0, 24e3, 0.5, (1e-4, 1e-6)),
         )
         for t in tolerances
     },
@@ -223,7 +224,7 @@ ROWS: Rows = {
         for away, t in product((10.0, 400.0), (1e-2, 1e-4, 1e-6))
     },
     **{
-        f"every term, {count:,} trunks of {radii} m, {'leafy' if leafy else 'bare'}": partial(
+        f"every term, {count:,} trunks of {SAID[radii]}, {'leafy' if leafy else 'bare'}": partial(
             _every_term, count, radii, leafy
         )
         for count, radii, leafy in (

@@ -8,7 +8,6 @@ the highest point, which the tool knows nothing of.
 
 from __future__ import annotations
 
-import csv
 import shutil
 import subprocess
 from collections.abc import Iterator, Sequence
@@ -156,9 +155,7 @@ def _ours(folder: Path) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
     for one in disk.scenes_done(folder):
         files = sorted(one.folder.glob("*-forinstance.laz"))
         points = np.concatenate([read_las(path).xyz for path in files])
-        with open(one.folder / "trees.csv", newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        keys = ("x_m", "y_m", "dbh_m", "height_m")
+        keys, rows = ("x_m", "y_m", "dbh_m", "height_m"), disk.table_of(one.folder / "trees.csv")
         table = np.array([[float(row[key]) for key in keys] for row in rows]).reshape(-1, 4)
         grown = (table[:, 2] >= THINNEST) & (table[:, 3] > BREAST)
         yield f"ours-{one.folder.name}", str(one.record["base"]), points, table[grown]

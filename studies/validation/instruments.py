@@ -13,7 +13,6 @@ two flights of one instrument over trees that shed nothing differ by is added to
 from __future__ import annotations
 
 import argparse
-import csv
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +21,7 @@ import numpy as np
 
 from forest_addon.api import Airborne, Rays, Scanner, crowns, instrument
 
-from ..inside import make_caster, scan, stream, without_leaves
+from ..inside import make_caster, scan, stream, table_of, without_leaves
 from ..scenes import level_ground, scene_of, turned
 from .plots import site_of
 from .run import Comparison, Interval
@@ -104,13 +103,12 @@ class TreesByInstrument:
     def __init__(self, path: Path) -> None:
         self.seen: dict[str, dict[tuple[str, str], dict[str, float]]] = defaultdict(dict)
         self.species: dict[str, str] = {}
-        with path.open(encoding="utf-8", newline="") as lines:
-            for row in csv.DictReader(lines):
-                bare = row["canopy"] == "leaf-off"
-                key = row["source"] + " leaf-off" * bare, row["date"]
-                numbers = {name: float(row[name] or "nan") for name in (*MEASURES, "dbh_cm")}
-                self.seen[row["tree"]][key] = numbers
-                self.species[row["tree"]] = row["species"]
+        for row in table_of(path):
+            bare = row["canopy"] == "leaf-off"
+            key = row["source"] + " leaf-off" * bare, row["date"]
+            numbers = {name: float(row[name] or "nan") for name in (*MEASURES, "dbh_cm")}
+            self.seen[row["tree"]][key] = numbers
+            self.species[row["tree"]] = row["species"]
 
     def units(self, group: str, measure: str, one: str, other: str) -> dict[Unit, np.ndarray]:
         """Differences (N,) between two instruments, quotients of diameters, by plot and dates."""

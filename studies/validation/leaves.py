@@ -9,7 +9,6 @@ distance, by mean and deviation, by the ellipsoidal parameter χ of the mean (Ca
 from __future__ import annotations
 
 import argparse
-import csv
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +27,7 @@ from ..inside import (
     load_species,
     save_figure,
     stream,
+    table_of,
 )
 from .run import Comparison, Interval, Picture
 
@@ -91,10 +91,9 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
 def read_angles(path: Path) -> dict[str, dict[str, np.ndarray]]:
     """Degrees by species and sector of the crown."""
     angles_of: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    with open(path, encoding="utf-8", newline="") as rows:
-        for row in csv.DictReader(rows):
-            name = f"{row['Genus']} {row['Species']}"
-            angles_of[name][row["Canopy_sector"]].append(float(row["Angle_degree"]))
+    for row in table_of(path):
+        name = f"{row['Genus']} {row['Species']}"
+        angles_of[name][row["Canopy_sector"]].append(float(row["Angle_degree"]))
     return {
         name: {sector: np.array(values) for sector, values in sectors.items()}
         for name, sectors in angles_of.items()

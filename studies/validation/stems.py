@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from ..inside import (
     scan,
     segment_table,
     stream,
+    table_of,
     trunk_radius,
     tube,
 )
@@ -164,10 +164,9 @@ def _stem(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, flo
 def read_plots(path: Path) -> dict[str, np.ndarray]:
     """(N, 5) x, y, range, diameter and height of each plot's trees, m; NaN where not given."""
     rows: dict[str, list[list[float]]] = defaultdict(list)
-    with open(path, encoding="utf-8", newline="") as lines:
-        for row in csv.DictReader(lines):
-            values = [_number(row[name]) for name in ("x", "y", "h.dist", "dbh", "h")]
-            rows[row["id"]].append([*values[:3], values[3] / 100, values[4]])
+    for row in table_of(path):
+        values = [_number(row[name]) for name in ("x", "y", "h.dist", "dbh", "h")]
+        rows[row["id"]].append([*values[:3], values[3] / 100, values[4]])
     return {plot: np.array(values) for plot, values in rows.items()}
 
 

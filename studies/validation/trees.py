@@ -9,7 +9,6 @@ density of their wood (IPCC 2003, table 3A.1.9), each grown with the diameter, h
 from __future__ import annotations
 
 import argparse
-import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +36,7 @@ from ..inside import (
     save_figure,
     segment_table,
     stream,
+    table_of,
     trunk_radius,
 )
 from ..inside import draw_measures as draw
@@ -75,8 +75,7 @@ def compare_volumes(data: Path, seed: int) -> list[Comparison]:
     table = data / "baad_trees.csv"
     if not table.is_file():
         return rows
-    with table.open(newline="") as file:
-        weighed = [row for row in csv.DictReader(file) if row["above_ground_mass_kg"]]
+    weighed = [row for row in table_of(table) if row["above_ground_mass_kg"]]
     saplings: list[tuple[float, float]] = []
     for genus in DENSITIES:
         pairs = _weighed(weighed, genus, seed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import lzma
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -42,6 +41,7 @@ from ..inside import (
     shape_with,
     stream,
     sway_of,
+    table_of,
     wood_of_species,
 )
 from ..inside import measures_drawn as drawn
@@ -150,10 +150,6 @@ CUT = 0.0017  # Hz, of the high pass
 
 def measured_trees(folder: Path, clade: str, place: str) -> list[MeasuredSway]:
     """Trees of a clade (Conifer, Broadleaf) and a place (Forest, Open) with all three measures."""
-    with (folder / "sway_trees.csv").open(encoding="utf-8") as file:
-        rows = [
-            r for r in csv.DictReader(file) if r["clade"] == clade and r["environment"] == place
-        ]
     return [
         MeasuredSway(
             (row["species"].split() or [""])[0],
@@ -161,7 +157,8 @@ def measured_trees(folder: Path, clade: str, place: str) -> list[MeasuredSway]:
             float(row["height_m"]),
             float(row["f0_hz"]),
         )
-        for row in rows
+        for row in table_of(folder / "sway_trees.csv")
+        if row["clade"] == clade and row["environment"] == place
         if row["dbh_m"] and row["height_m"] and row["f0_hz"]
     ]
 
@@ -183,10 +180,8 @@ class SwayRecord:
 
 def measured_records(folder: Path) -> list[SwayRecord]:
     """Read the measured records."""
-    with (folder / "records" / "records.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
     records = []
-    for row in rows:
+    for row in table_of(folder / "records" / "records.csv"):
         name = row["Filename"]
         with lzma.open(folder / "records" / f"{name}.csv.xz", "rt") as text:
             motion = np.genfromtxt(text, delimiter=",")
