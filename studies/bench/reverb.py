@@ -204,7 +204,7 @@ SUMS: dict[str, tuple] = {
         for count, t in product((1_000, 10_000, 100_000), (1e-2, 1e-4))
     },
     **{
-        f"{count:,} trunks of {SAID[radii]} on {side:g} m, {rate / 1e3:g} kHz, {seconds or 'all'} s, {t:.0e}": (
+        f"{count:,} trunks of {SAID[radii]}, {side:g} m, {rate / 1e3:g} kHz, {seconds or 'all'} s, {t:.0e}": (
             *(count, radii, t, rate, 10.0, side, seconds),
         )
         for count, radii, side, rate, seconds, tolerances in (
