@@ -53,12 +53,9 @@ def say_rows(say: Say, section: str, names: Iterable[str]) -> dict[str, Told]:
     every = {}
     for name in names:
         told = every[name] = measured(section, name)
-        first, again, clock, numpy = (
-            f"{1e3 * seconds:,.3g}" if seconds else "-"
-            for seconds in (told["first"], told["next"], told["clock"], told["numpy"])
-        )
-        rate = told["many"] / told["next"] if told["next"] else float("inf")
-        speed = f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}"
+        took = (told["first"], told["next"], told["clock"], told["numpy"])
+        first, again, clock, numpy = (_figure(1e3 * s) if s else "-" for s in took)
+        speed = _figure(told["many"] / told["next"]) if told["next"] else "-"
         errors = [told["error"] or "-", told["numpy_error"] or "-"]
         errors[1] = "the same" if errors[1] == errors[0] != "-" else errors[1]
         many = f"{told['many']:,}"
@@ -66,6 +63,10 @@ def say_rows(say: Say, section: str, names: Iterable[str]) -> dict[str, Told]:
             say, [name, many, first, again, clock, speed, numpy, *errors, f"{told['peak']:.0f}"]
         )
     return every
+
+
+def _figure(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def measured(section: str, name: str) -> Told:
