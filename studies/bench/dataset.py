@@ -17,7 +17,6 @@ from pathlib import Path
 from ..inside import (
     PLANS,
     Cluster,
-    Estimate,
     Plan,
     Say,
     SceneJob,
@@ -29,6 +28,7 @@ from ..inside import (
     recipes,
     remove_scene,
     scenes_done,
+    tell_estimate,
 )
 from ..tables import table
 
@@ -58,38 +58,14 @@ FROM, TO, NEAR = (
 
 
 def run(say: Say, _: object) -> None:
-    """Print speed by plan and stage, scaling and memory."""
-    found = {
-        what: estimate(read_plan(PLANS / f"{name}.toml", changed), lambda text: None, count)
-        for what, name, changed, count in MADE
-    }
-    head = ["plan", "CPU s a scene", "scenes/h/core", "points a scene", "points/s/core"]
-    table(say, [*head, "outside sensors"], [_row(what, one) for what, one in found.items()])
-    say("")
-    table(say, ["plan", "share of time by stage"], [_shares(*pair) for pair in found.items()])
-    say("")
-    shipped = found[MADE[0][0]]
-    say(
-        f"The shipped plan of {shipped.count:,} plots: {shipped.core_hours:.0f} core-hours, "
-        f"{shipped.size * shipped.count / 1e9:.0f} GB; as many points as Boreal3D from such plots: "
-        f"{shipped.boreal_hours or 0:.0f} core-hours."
-    )
-    say("")
+    """Print costs by trial scenes, as ``headless dataset --dry-run`` tells them, then scaling and memory."""
+    for what, name, changed, count in MADE:
+        say(f"{what}, {count} trial scenes:\n")
+        tell_estimate(estimate(read_plan(PLANS / f"{name}.toml", changed), say, count), say)
+        say("")
     _scaling(say)
     say("")
     _memory(say)
-
-
-def _row(what: str, found: Estimate) -> list[str]:
-    mean = float(found.seconds.mean())
-    outside = 1 - found.stages.get("sensors", 0.0) / sum(found.stages.values())
-    points = (f"{found.points:,.0f}", f"{found.points / mean:,.0f}") if found.points else ("-", "-")
-    return [what, f"{mean:.1f}", f"{3600 / mean:.0f}", *points, f"{outside:.0%}"]
-
-
-def _shares(what: str, found: Estimate) -> list[str]:
-    total = sum(found.stages.values())
-    return [what, ", ".join(f"{name} {took / total:.1%}" for name, took in found.stages.items())]
 
 
 def _scaling(say: Say) -> None:
