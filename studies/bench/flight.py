@@ -26,7 +26,7 @@ from ..inside import (
     sonar_of,
 )
 from .lidar import against_brute_force, embree_alone
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "flight: steps, pings and resets"
 WORDS = """\
@@ -45,9 +45,9 @@ def _stock() -> Stock:
     return Stock(read(SCENE).changed(rays=Rays(threads=1)), SCENE.parent)
 
 
-def _reset() -> Row:
+def _reset() -> BenchRow:
     stock, seeds = _stock(), counting(2)
-    return Row(lambda: stock.surroundings(next(seeds)).caster)
+    return BenchRow(lambda: stock.surroundings(next(seeds)).caster)
 
 
 def _flyers(count: int, lidar: Any, ears: Any, stock: Stock) -> Flyers:
@@ -69,7 +69,7 @@ def _rays_of(rays: int, count: int) -> tuple[Flyers, EmbreeCaster, tuple[np.ndar
     return flyers, stock.surroundings(1).caster, (at, ways), scanner.max_range
 
 
-def _steps(rays: int, count: int) -> Row:
+def _steps(rays: int, count: int) -> BenchRow:
     flyers, caster, (at, ways), _ = _rays_of(rays, count)
     action = np.zeros((count, flyers.state.position.shape[1]))
     some = np.linspace(0, len(at) - 1, CHECKED).astype(np.int64)
@@ -81,20 +81,20 @@ def _steps(rays: int, count: int) -> Row:
             over = np.flatnonzero(flyers.step(action).ended).tolist()
             flyers.start(over, over)
 
-    return Row(work, checked, STEPS * count)
+    return BenchRow(work, checked, STEPS * count)
 
 
-def _sensing(rays: int, count: int) -> Row:
+def _sensing(rays: int, count: int) -> BenchRow:
     flyers = _rays_of(rays, count)[0]
-    return Row(flyers.sense, many=count)
+    return BenchRow(flyers.sense, many=count)
 
 
-def _alone(rays: int, count: int) -> Row:
+def _alone(rays: int, count: int) -> BenchRow:
     _, caster, sent, reach = _rays_of(rays, count)
     return embree_alone(caster, *sent, reach, many=count)
 
 
-def _pings(model: str, wood: bool) -> Row:
+def _pings(model: str, wood: bool) -> BenchRow:
     stock = _stock()
     sonar = sonar_of(stock.settings).changed(leaf_model=model, wood=wood)
     ears = EarSense(sonar, stock.settings.air)
@@ -104,7 +104,7 @@ def _pings(model: str, wood: bool) -> Row:
     def work() -> Any:
         return ears.ping(around, flyers.state, next(number) // 2 % PINGS)  # alike of both ways
 
-    return Row(work, lambda echo: f"- ({len(echo.heard):,} heard)")
+    return BenchRow(work, lambda echo: f"- ({len(echo.heard):,} heard)")
 
 
 ROWS: Rows = {

@@ -33,7 +33,7 @@ from ..inside import (
 from ..tables import table
 from . import reverb
 from .lidar import BEAM, FROM_OUTSIDE, ONE_THREAD, forest
-from .rows import Row, Rows, Told
+from .rows import BenchRow, Rows, Told
 
 TITLE = "frontier: all simulators, error against seconds"
 ASSUMPTIONS = """\
@@ -72,7 +72,7 @@ class Mark:
         return self.error
 
 
-def _first_range(subrays: int) -> Row:
+def _first_range(subrays: int) -> BenchRow:
     caster = make_caster(forest(10, 200_000), ONE_THREAD)
 
     def first(count: int = subrays) -> np.ndarray:
@@ -88,10 +88,10 @@ def _first_range(subrays: int) -> Row:
         middle = np.nanmedian(true)
         return f"{np.nanmedian(np.abs(found - true)) / middle:.1e} of {middle:.2f} m"
 
-    return Row(first, error, len(first()))
+    return BenchRow(first, error, len(first()))
 
 
-def _ping(tolerance: float, leaves: int = LEAVES) -> Row:
+def _ping(tolerance: float, leaves: int = LEAVES) -> BenchRow:
     rng = stream(4, "bench", "frontier")
     normal = rng.normal(size=(LEAVES, 3))
     every = LeafDiscs(
@@ -115,7 +115,7 @@ def _ping(tolerance: float, leaves: int = LEAVES) -> Row:
         off = np.linalg.norm(echo.spectra - exact) / np.linalg.norm(exact)
         return f"{max(off, DIRECT):.1e}"
 
-    return Row(work, error, leaves)
+    return BenchRow(work, error, leaves)
 
 
 RAYED: Rows = {f"{n} ray{'s' * (n > 1)} a pulse": partial(_first_range, n) for n in SUBRAYS}

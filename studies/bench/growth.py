@@ -22,7 +22,7 @@ from ..inside import (
     wood_of_mesh,
     wood_of_skeleton,
 )
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "growth: triangles a second, error of the mesh"
 WORDS = """\
@@ -42,13 +42,13 @@ def _of_size(name: str, generations: int) -> tuple[Species, object]:
     return replace(species, **{part: sized}), template
 
 
-def _grown(name: str, size: int) -> Row:
+def _grown(name: str, size: int) -> BenchRow:
     species, template = _of_size(name, size)
 
     def work() -> Tree:
         return grow(species, template, stream(5, "bench", name, size))
 
-    return Row(work, _off_the_wood, len(work().mesh.triangles))
+    return BenchRow(work, _off_the_wood, len(work().mesh.triangles))
 
 
 def _off_the_wood(tree: Tree) -> str:
@@ -58,27 +58,31 @@ def _off_the_wood(tree: Tree) -> str:
     return f"{100 * off:+.2f} % of the wood's surface"
 
 
-def _tubes(name: str, size: int) -> Row:
+def _tubes(name: str, size: int) -> BenchRow:
     skeleton, _ = skeleton_of(_of_size(name, size)[0], stream(5, "bench", name, size))
-    return Row(lambda: mesh_wood(skeleton, FINE), many=len(mesh_wood(skeleton, FINE).triangles))
+    return BenchRow(
+        lambda: mesh_wood(skeleton, FINE), many=len(mesh_wood(skeleton, FINE).triangles)
+    )
 
 
-def _into_blender(name: str, size: int) -> Row:
+def _into_blender(name: str, size: int) -> BenchRow:
     mesh = grow(*_of_size(name, size), stream(5, "bench", name, size)).mesh
-    return Row(lambda: bpy.data.meshes.remove(to_mesh("bench", mesh)), many=len(mesh.triangles))
+    return BenchRow(
+        lambda: bpy.data.meshes.remove(to_mesh("bench", mesh)), many=len(mesh.triangles)
+    )
 
 
-def _maples() -> Row:
+def _maples() -> BenchRow:
     species, template = load_species(find_species("maple", Path()))
 
     def work() -> int:
         trees = (grow(species, template, stream(5, "bench", number)) for number in range(MAPLES))
         return sum(len(tree.mesh.triangles) for tree in trees)
 
-    return Row(work, many=work())
+    return BenchRow(work, many=work())
 
 
-def _frustums(tolerance: float) -> Row:
+def _frustums(tolerance: float) -> BenchRow:
     """Upright frustums, each a closed convex mesh, seen along x."""
     rng = stream(6, "bench", "cones")
     length = rng.uniform(0.05, 2.0, CONES)
@@ -110,7 +114,7 @@ def _frustums(tolerance: float) -> Row:
         )
 
     work = partial(mesh_wood, skeleton, tolerance)
-    return Row(work, error, len(work().triangles))
+    return BenchRow(work, error, len(work().triangles))
 
 
 PAIRS = [(name, size) for name, sizes in SIZES.items() for size in sizes]

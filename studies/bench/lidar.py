@@ -67,7 +67,7 @@ from ..inside import (
 from ..inside import join_meshes as join
 from ..papers import simlidar as orchards
 from ..scenes import level_ground, scene_of, turned
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "lidar: rays and pulses a second, and their errors"
 WORDS = """\
@@ -157,8 +157,8 @@ def embree_alone(
     ways: np.ndarray,
     reach: float = np.inf,
     many: int = 0,
-) -> Row:
-    """What Embree alone takes for rays (R, 3), as float32 and in order, before anything is made of them."""
+) -> BenchRow:
+    """Rays (R, 3) sent by Embree alone, as float32 and in order, before anything is made of them."""
     rays = rays_of((origins - caster._centre).T, ways.T, np.full(len(ways), reach))
     sent = rays_of((origins - caster._centre).T, ways.T, np.full(len(ways), reach))
 
@@ -166,17 +166,17 @@ def embree_alone(
         sent[:] = rays  # which Embree shortens
         send(caster._library, caster._top, sent)
 
-    return Row(work, many=many or len(ways))
+    return BenchRow(work, many=many or len(ways))
 
 
-def _cast(size: str, count: int, engine: type[Search], kind: str, **settings: int) -> Row:
+def _cast(size: str, count: int, engine: type[Search], kind: str, **settings: int) -> BenchRow:
     caster = engine(plant(grow_trees(size), count), **settings)
     rays = rays_through(caster.scene, COUNTS[engine], kind)
     checked = against_brute_force(caster, *rays_through(caster.scene, CHECKED, kind))
-    return Row(lambda: caster.cast(*rays), checked, len(rays[0]))
+    return BenchRow(lambda: caster.cast(*rays), checked, len(rays[0]))
 
 
-def _built(size: str, count: int, engine: type[Search]) -> Row:
+def _built(size: str, count: int, engine: type[Search]) -> BenchRow:
     """The meshes that rays come to: BVHTree builds them then."""
     scene = plant(grow_trees(size), count)
     rays = [rays_through(scene, CHECKED, kind) for kind in KINDS]
@@ -186,10 +186,10 @@ def _built(size: str, count: int, engine: type[Search]) -> Row:
         for some in rays:
             caster.cast(*some)
 
-    return Row(work, many=count)
+    return BenchRow(work, many=count)
 
 
-def _alone(size: str, count: int) -> Row:
+def _alone(size: str, count: int) -> BenchRow:
     caster = EmbreeCaster(plant(grow_trees(size), count))
     return embree_alone(caster, *rays_through(caster.scene, COUNTS[EmbreeCaster], "tripod"))
 
@@ -206,7 +206,7 @@ MOVING = ((0, 0), (1, 0), (10, 0), (40, 0), (10, 10))  # of them move, and bend 
 MOVING_CHECKED = 100  # rays towards bodies that move, each against the scene as it is at its time
 
 
-def _moving(engine: type[Search], moving: int, bending: int) -> Row:
+def _moving(engine: type[Search], moving: int, bending: int) -> BenchRow:
     scene, count = _bodies(), COUNTS[engine]
     rng = stream(1, "bench", moving)
     ways, time = rng.normal(size=(count, 3)), rng.uniform(0, 1, count)
@@ -214,11 +214,11 @@ def _moving(engine: type[Search], moving: int, bending: int) -> Row:
     origins = np.zeros((count, 3))
     if not moving:
         still = engine(scene)
-        return Row(lambda: still.cast(origins, ways), many=count)
+        return BenchRow(lambda: still.cast(origins, ways), many=count)
     motion = _motion(scene, moving, bending)
     by_embree = embree_motion if engine is EmbreeCaster else None
     caster = MovingCaster(MovingScene(scene, motion), engine, by_embree)
-    return Row(
+    return BenchRow(
         lambda: caster.cast(origins, ways, time=time), lambda _: _error(caster, motion), count
     )
 
@@ -323,7 +323,7 @@ def forest(trees: int, triangles: int) -> SceneGeometry:
     return scene_of([whole.select(keep)], turned(place, turn), under=level_ground(300.0))
 
 
-def _whole_scan(trees: int, triangles: int, subrays: int) -> Row:
+def _whole_scan(trees: int, triangles: int, subrays: int) -> BenchRow:
     """A quarter turn at 0.1° or so from outside the stand, into a file."""
     scanner = Terrestrial(
         position=(-5.0, -5.0, 1.6),
@@ -334,14 +334,14 @@ def _whole_scan(trees: int, triangles: int, subrays: int) -> Row:
     )
     work = Scan(scanner, make_caster(forest(trees, triangles), ONE_THREAD))
     folder = TemporaryDirectory()
-    return Row(
+    return BenchRow(
         lambda: write_scan(Path(folder.name) / "scan.las", work, 0),
         lambda done: f"- ({done.points:,} points)",
         work.pulses,
     )
 
 
-def _beams(subrays: int) -> Row:
+def _beams(subrays: int) -> BenchRow:
     caster = make_caster(forest(10, 200_000), ONE_THREAD)
 
     def work(count: int = subrays) -> Cloud:
@@ -359,7 +359,7 @@ def _beams(subrays: int) -> Row:
             f"{np.median(away):.2f} mm, 90 % {np.quantile(away, 0.9):.1f} mm"
         )
 
-    return Row(work, error, work().pulses)
+    return BenchRow(work, error, work().pulses)
 
 
 def _energy_and_range(cloud: Cloud) -> tuple[np.ndarray, np.ndarray]:
@@ -371,12 +371,14 @@ def _energy_and_range(cloud: Cloud) -> tuple[np.ndarray, np.ndarray]:
     return energy, first
 
 
-def _returns(subrays: int) -> Row:
+def _returns(subrays: int) -> BenchRow:
     beam = replace(BEAM, subrays=subrays, max_returns=15)
     scanner = FROM_OUTSIDE.changed(angle_step_deg=0.3, beam=beam)
     caster = make_caster(forest(10, 200_000), ONE_THREAD)
     work = partial(scan, scanner, caster)
-    return Row(work, lambda cloud: "; ".join(map(partial(_told, cloud), THRESHOLDS)), work().pulses)
+    return BenchRow(
+        work, lambda cloud: "; ".join(map(partial(_told, cloud), THRESHOLDS)), work().pulses
+    )
 
 
 def _told(cloud: Cloud, threshold: float) -> str:
@@ -391,7 +393,7 @@ def _told(cloud: Cloud, threshold: float) -> str:
     )
 
 
-def _tripod_among_blocks(subrays: int) -> Row:
+def _tripod_among_blocks(subrays: int) -> BenchRow:
     beam = Beam(divergence_mrad=(0.3, 0.3), exit_diameter=0.007, pulse_ns=5.0, subrays=subrays)
     scanner = Terrestrial(
         position=(-26.0, -31.0, 1.7),
@@ -401,7 +403,7 @@ def _tripod_among_blocks(subrays: int) -> Row:
         beam=beam,
     )
     work = Scan(scanner, make_caster(blocks(), ONE_THREAD))
-    return Row(
+    return BenchRow(
         lambda: sum(len(piece) for _, piece in work.chunks()),
         lambda points: f"- ({points:,} points)",
         work.pulses,
@@ -501,7 +503,7 @@ def _past(skeleton: Skeleton) -> Tractor:
     )
 
 
-def _exactly() -> Row:
+def _exactly() -> BenchRow:
     skeleton = _tree()
     tractor = _past(skeleton)
 
@@ -510,10 +512,10 @@ def _exactly() -> Row:
         return f"- ({met.sum():,} on wood, A_IM {1e4 * area:.2f} cm²)"
 
     work = partial(drive, tractor, _Cones(skeleton))
-    return Row(work, told, work().distance.size)
+    return BenchRow(work, told, work().distance.size)
 
 
-def _tubes(tolerance: float) -> Row:
+def _tubes(tolerance: float) -> BenchRow:
     skeleton = _tree()
     tractor, mesh = _past(skeleton), mesh_wood(skeleton, tolerance)
     exact = drive(tractor, _Cones(skeleton))
@@ -532,10 +534,10 @@ def _tubes(tolerance: float) -> Row:
         )
 
     caster = make_caster(scene_of([mesh]), ONE_THREAD)
-    return Row(partial(drive, tractor, caster), error, exact.distance.size)
+    return BenchRow(partial(drive, tractor, caster), error, exact.distance.size)
 
 
-def _solid(parts: int) -> Row:
+def _solid(parts: int) -> BenchRow:
     skeleton = _tree()
     tractor = _past(skeleton)
     exact = impacted_area(drive(tractor, _Cones(skeleton)), tractor)
@@ -550,10 +552,10 @@ def _solid(parts: int) -> Row:
         )
 
     work = partial(drive, replace(tractor, splits=parts), caster)
-    return Row(work, error, work().distance.size)
+    return BenchRow(work, error, work().distance.size)
 
 
-def _largest(engine: str) -> Row:
+def _largest(engine: str) -> BenchRow:
     def work() -> tuple[Any, ...]:
         forest = orchards.plant(LARGEST, orchards.first_internode(), seed=1)
         tractor = orchards.tractor_for(forest, 0)
@@ -566,7 +568,7 @@ def _largest(engine: str) -> Row:
         return f"- ({driven.distance.size:,} beams, A_IM {impacted_area(driven, tractor):.5f} m²)"
 
     variants = work()[0].variants.values()
-    return Row(work, told, sum(len(tree.skeleton) for tree in variants))
+    return BenchRow(work, told, sum(len(tree.skeleton) for tree in variants))
 
 
 class _Cones:

@@ -33,7 +33,7 @@ from ..inside import (
 )
 from ..tables import table
 from .lidar import grow_trees, plant
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "peers: the same scan by other programs"
 COUNTS = 180, 560  # zenith angles, azimuths
@@ -126,7 +126,7 @@ def _trees(scene: SceneGeometry) -> list[tuple[BVHTree, Matrix, Matrix]]:
     ]
 
 
-def _by_loop(count: int, size: str) -> Row:
+def _by_loop(count: int, size: str) -> BenchRow:
     scene, origin = _scene(count, size)
     at, ways = Vector(origin), [Vector(way) for way in _ways().tolist()]
     trees = cache(lambda: _trees(scene))
@@ -144,10 +144,10 @@ def _by_loop(count: int, size: str) -> Row:
                 points.append(point)
         return np.array(points).reshape(-1, 3)
 
-    return Row(scan, partial(_error, scene, origin), len(ways))
+    return BenchRow(scan, partial(_error, scene, origin), len(ways))
 
 
-def _ours(engine: type[Search], count: int, size: str) -> Row:
+def _ours(engine: type[Search], count: int, size: str) -> BenchRow:
     scene, origin = _scene(count, size)
     ways, caster = _ways(), cache(lambda: engine(scene))
     origins = np.broadcast_to(origin, ways.shape)
@@ -156,7 +156,7 @@ def _ours(engine: type[Search], count: int, size: str) -> Row:
         hits = caster().cast(origins, ways)
         return origin + hits.distance[hits.found, None] * ways[hits.found]
 
-    return Row(scan, partial(_error, scene, origin), len(ways))
+    return BenchRow(scan, partial(_error, scene, origin), len(ways))
 
 
 def _error(scene: SceneGeometry, origin: np.ndarray, points: np.ndarray) -> str:

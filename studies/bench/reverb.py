@@ -27,7 +27,7 @@ from ..inside import (
     transfer,
     trunk_paths,
 )
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "reverb: sums over trunks"
 WORDS = """\
@@ -106,7 +106,7 @@ def summed(
     distance: float = 10.0,
     side: float = SIDE,
     seconds: float | None = None,
-) -> Row:
+) -> BenchRow:
     """A sum with nothing kept but what the calls before have made."""
     paths, prepared = paths_of(trunks_at_random(count, radii, side), distance), Expansions()
     size = _record(paths, rate)
@@ -117,15 +117,15 @@ def summed(
     def work() -> np.ndarray:
         return prepared.sum(paths, rate, size, AIR, tolerance).samples
 
-    return Row(work, partial(_off, paths, rate))
+    return BenchRow(work, partial(_off, paths, rate))
 
 
-def _paths(count: int) -> Row:
+def _paths(count: int) -> BenchRow:
     trunks = trunks_at_random(count, RADIUS)
-    return Row(lambda: paths_of(trunks), many=count)
+    return BenchRow(lambda: paths_of(trunks), many=count)
 
 
-def _measures(distance: float, tolerance: float) -> Row:
+def _measures(distance: float, tolerance: float) -> BenchRow:
     paths = paths_of(trunks_at_random(3_000, RADIUS), distance)
     size = _record(paths, 24e3)
 
@@ -138,10 +138,10 @@ def _measures(distance: float, tolerance: float) -> Row:
         edc = np.abs(energy_decay_db(samples) - decay)[decay > -60.0].max()
         return f"{off:.1e}; T60 {abs(t60) * 1e3:.1e} ms, C50 {abs(c50):.1e} dB, EDC to -60 dB {edc:.1e} dB"
 
-    return Row(lambda: Expansions().sum(paths, 24e3, size, AIR, tolerance).samples, error)
+    return BenchRow(lambda: Expansions().sum(paths, 24e3, size, AIR, tolerance).samples, error)
 
 
-def _every_term(count: int, radii: tuple[float, float], leafy: bool) -> Row:
+def _every_term(count: int, radii: tuple[float, float], leafy: bool) -> BenchRow:
     ends = np.array([[-5.0, 0.0], [5.0, 0.0]])
     trunks = trunks_at_random(count, radii).clear_of(ends)
     reverb = Reverb(
@@ -157,10 +157,10 @@ def _every_term(count: int, radii: tuple[float, float], leafy: bool) -> Row:
     def error(response: ImpulseResponse) -> str:
         return f"{max(response.errors.values(), default=0.0):.1e}; joint {response.joint:.2f} s"
 
-    return Row(work, error)
+    return BenchRow(work, error)
 
 
-def _single_against_multiple(density: float) -> Row:
+def _single_against_multiple(density: float) -> BenchRow:
     ends = np.array([[-5.0, 0.0], [5.0, 0.0]])
     third, side = 62.5 * 2.0 ** (np.arange(13) / 3), np.sqrt(60 / density)
 
@@ -178,7 +178,7 @@ def _single_against_multiple(density: float) -> Row:
         )
         return f"{relative:.0%}, level {level:+.1f} dB"
 
-    return Row(work, error)
+    return BenchRow(work, error)
 
 
 SUMS: dict[str, tuple] = {

@@ -33,7 +33,7 @@ def _nothing(_: Any) -> str:
 
 
 @dataclass(frozen=True)
-class Row:
+class BenchRow:
     """A job that is prepared: its work, the error of what it gives, and of how many things it is."""
 
     work: Callable[[], Any]
@@ -41,7 +41,7 @@ class Row:
     many: int = 1
 
 
-Rows = dict[str, Callable[[], Row]]  # by name; each is prepared in its own process
+Rows = dict[str, Callable[[], BenchRow]]  # by name; each is prepared in its own process
 
 
 Told = dict[str, Any]  # of a row: CPU seconds, errors in words, MB

@@ -13,7 +13,7 @@ from itertools import count as counting
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "series: one scene after the other in a process"
 WORDS = """\
@@ -40,16 +40,16 @@ preview = false
 BARE = "pictures = false\ngoodness = false\nleaves = false\nreport = false\n"
 
 
-def _blender() -> Row:
-    return Row(lambda: import_module("bpy"))
+def _blender() -> BenchRow:
+    return BenchRow(lambda: import_module("bpy"))
 
 
-def _own() -> Row:
+def _own() -> BenchRow:
     import_module("bpy")
-    return Row(lambda: import_module("..inside", __package__).run_scene)
+    return BenchRow(lambda: import_module("..inside", __package__).run_scene)
 
 
-def _run(step: float, output: str) -> Row:
+def _run(step: float, output: str) -> BenchRow:
     from ..inside import pattern_of, read_scene, run_scene
 
     folder, seeds = TemporaryDirectory(), counting()
@@ -61,7 +61,7 @@ def _run(step: float, output: str) -> Row:
         return json.loads((out / "run.json").read_text())["sensors"]["cloud"]["audit"]["error"]
 
     many = pattern_of(read_scene(path, 0).sensors[0]).count
-    return Row(work, lambda error: f"{error:.0e} m", many)
+    return BenchRow(work, lambda error: f"{error:.0e} m", many)
 
 
 ROWS: Rows = {

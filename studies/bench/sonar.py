@@ -43,7 +43,7 @@ from ..inside import (
 from ..inside import fly_pings as fly
 from ..scenes import scene_of, scene_of_forest, turned
 from ..tables import table
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "sonar: pings among trees"
 WORDS = """\
@@ -71,7 +71,7 @@ def _forest(count: int) -> EchoTargets:
     return EchoTargets(scene_of(meshes, turned(rng.uniform(-half, half, (count, 2)), turn)))
 
 
-def _pings(count: int, width: float, **settings: Any) -> Row:
+def _pings(count: int, width: float, **settings: Any) -> BenchRow:
     targets, number = _forest(count), counting()
     sonar = Sonar(beam_width_deg=(width, width), shading="none", cull=0.01, **POSE, **settings)
 
@@ -85,10 +85,10 @@ def _pings(count: int, width: float, **settings: Any) -> Row:
         off = np.linalg.norm(echo.impulse_response - whole) / np.linalg.norm(whole)
         return f"{off:.0e}; {len(echo.heard):,} heard, cull's bound {echo.cull_bound:.0e}"
 
-    return Row(work, error)
+    return BenchRow(work, error)
 
 
-def _table_1(name: str) -> Row:
+def _table_1(name: str) -> BenchRow:
     settings = read_settings(ASSETS / "scenes" / f"{name}.toml", Scene)
     species = [load_species(find_species(p.species, Path())) for p in settings.plantings]
     targets = EchoTargets(scene_of_forest(grow_forest(settings, species)))
@@ -101,10 +101,10 @@ def _table_1(name: str) -> Row:
     def work() -> None:
         fly(targets, sonar, settings.air, poses, equipment=equipment)
 
-    return Row(work, many=len(poses))
+    return BenchRow(work, many=len(poses))
 
 
-def _culling(cull: float) -> Row:
+def _culling(cull: float) -> BenchRow:
     targets = _forest(5)
     sonar = Sonar(shading="none", wood=False, leaf_model="piston", **POSE)
 
@@ -116,10 +116,10 @@ def _culling(cull: float) -> Row:
         more = whole.heard.amplitude.sum() / part.heard.amplitude.sum() - 1
         return f"{part.cull_bound:.1e} promised, {more:.1e} true, energy {energy:.1e}"
 
-    return Row(lambda: ping(targets, sonar.changed(cull=cull), Air()), error)
+    return BenchRow(lambda: ping(targets, sonar.changed(cull=cull), Air()), error)
 
 
-def _kind(**settings: Any) -> Row:
+def _kind(**settings: Any) -> BenchRow:
     targets = _forest(5)
     sonar = Sonar(shading="none", beam_width_deg=(40.0, 40.0), cull=1e-3, **POSE, **settings)
 
@@ -127,7 +127,7 @@ def _kind(**settings: Any) -> Row:
         peak, mean = echo.envelope.max(), np.sqrt(np.mean(echo.envelope**2))
         return f"- ({20 * np.log10(peak):.1f} dB, rms {20 * np.log10(mean):.1f} dB)"
 
-    return Row(lambda: ping(targets, sonar, Air()), told)
+    return BenchRow(lambda: ping(targets, sonar, Air()), told)
 
 
 # Pings of two ears with Doppler, plain and measured all round, beside those without.
@@ -144,12 +144,12 @@ EARS = Sonar(
 )  # fmt: skip
 
 
-def _doppler(model: str, hearing: str, doppler: bool) -> Row:
+def _doppler(model: str, hearing: str, doppler: bool) -> BenchRow:
     targets = EchoTargets.of_discs(_leaves())
     sonar = EARS.changed(leaf_model=model, doppler=doppler)
     hears = (_ear(1.0), _ear(-1.0)) if hearing == "measured" else ()
     equipment = Equipment.of(sonar, hears=hears)
-    return Row(lambda: ping(targets, sonar, Air(), equipment=equipment), many=LEAVES)
+    return BenchRow(lambda: ping(targets, sonar, Air(), equipment=equipment), many=LEAVES)
 
 
 def _leaves() -> LeafDiscs:
@@ -232,7 +232,7 @@ class _Leaves:
         )
 
 
-def _sum(model: str, count: int, where: str, tolerance: float) -> Row:
+def _sum(model: str, count: int, where: str, tolerance: float) -> BenchRow:
     leaves = _Leaves.random(model, count, where)
 
     def error(found: DelayedSum) -> str:
@@ -241,7 +241,7 @@ def _sum(model: str, count: int, where: str, tolerance: float) -> Row:
         nodes = sum(nodes * some for nodes, some in found.nodes.items()) / count
         return f"{off:.0e} of Σ|A|, estimate {found.error:.0e}; {nodes:.1f} nodes"
 
-    return Row(partial(leaves.sum, tolerance), error, count)
+    return BenchRow(partial(leaves.sum, tolerance), error, count)
 
 
 def run(say: Say, _: object) -> None:

@@ -37,7 +37,7 @@ from ..inside import (
     stream,
     window_of,
 )
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "stand: Poisson forests, spacing, statistics, and forests in Blender"
 WORDS = """\
@@ -101,7 +101,7 @@ def _process(intensity: Intensity, count: int) -> Process:
     return whole.scaled(count / whole.expected)
 
 
-def _sampled(name: str, count: int) -> Row:
+def _sampled(name: str, count: int) -> BenchRow:
     process = _process(KINDS[name](), count)
 
     def error(points: np.ndarray) -> str:
@@ -118,7 +118,7 @@ def _sampled(name: str, count: int) -> Row:
         shown = stream(2, "bench", "shown").permutation(points[:, 0])[: 10**5]
         return f"{off:+.1f} σ, variance/mean {spread}, p {_marginal(process, shown):.2f}"
 
-    return Row(lambda: sample(process, stream(2, "bench", name, count)), error, count)
+    return BenchRow(lambda: sample(process, stream(2, "bench", name, count)), error, count)
 
 
 def _marginal(process: Process, x: np.ndarray) -> float:
@@ -137,7 +137,7 @@ RULES = {"Matérn II": matern_ii, "greedy": greedy}
 CROWDING = 0.5  # λπr² of the spacing that is timed
 
 
-def _spaced(name: str, count: int) -> Row:
+def _spaced(name: str, count: int) -> BenchRow:
     rng = stream(4, "bench", "spacing", count)
     points, mark = rng.uniform(0, SIDE, (count, 2)), rng.random(count)
     distance = float(np.sqrt(CROWDING / np.pi / (count / SIDE**2)))
@@ -149,7 +149,7 @@ def _spaced(name: str, count: int) -> Row:
         theory = f", off theory {off:+.4f}" if name != "greedy" else ""
         return f"{keep.mean():.4f} stay{theory}; least distance {nearest:.6f} r"
 
-    return Row(lambda: RULES[name](points, mark, alike), error, count)
+    return BenchRow(lambda: RULES[name](points, mark, alike), error, count)
 
 
 # K and estimated intensities.
@@ -168,7 +168,7 @@ def _field() -> Window:
     return window_of(Forest(size=(SIDE, SIDE)))
 
 
-def _k(count: int) -> Row:
+def _k(count: int) -> BenchRow:
     radii = choose_radii(_rising(count, 0), _field())
 
     def work(seed: int = 0) -> Any:
@@ -182,7 +182,7 @@ def _k(count: int) -> Row:
         rms = np.sqrt(np.mean(off**2))
         return f"{ends}, rms {rms:.4f}, {len(off)} seeds; {found.pairs:,} pairs within {radii[-1]:.1f} m"
 
-    return Row(work, error, count)
+    return BenchRow(work, error, count)
 
 
 def _rising(count: int, seed: int) -> np.ndarray:
@@ -193,7 +193,7 @@ def _rising(count: int, seed: int) -> np.ndarray:
     return np.column_stack([x, SIDE * rng.random(number)])
 
 
-def _estimated(name: str, count: int) -> Row:
+def _estimated(name: str, count: int) -> BenchRow:
     process = _process(HILLS, count)
     x, y = np.meshgrid(*[np.arange(SIDE / 200, SIDE, SIDE / 100)] * 2)
     at = np.column_stack([x.ravel(), y.ravel()])
@@ -207,7 +207,7 @@ def _estimated(name: str, count: int) -> Row:
             return f"{off:.1e}; σ {np.mean([fit.bandwidth for fit in fits]):.1f} m"
         return f"{off:.1e}; {', '.join(str(len(fit.peak)) for fit in fits)} hills"
 
-    return Row(lambda: ESTIMATES[name](drawn[-1], _field()), error, count)
+    return BenchRow(lambda: ESTIMATES[name](drawn[-1], _field()), error, count)
 
 
 # Forests of many trees in Blender: time and memory to build, read back, scan, save and open them.
@@ -227,7 +227,7 @@ def _grown(instancing: str, count: int) -> tuple[spec.Scene, GrownForest]:
     return settings, grow_forest(settings, [load_species(find_species("maple", Path()))])
 
 
-def _in_blender(what: str, instancing: str, count: int) -> Row:
+def _in_blender(what: str, instancing: str, count: int) -> BenchRow:
     """One of growing and building a forest, reading it, the first chunk of a strip, saving and opening."""
     import bpy
 
@@ -244,13 +244,15 @@ def _in_blender(what: str, instancing: str, count: int) -> Row:
 
     empty_file()
     if what == "grown and built":
-        return Row(made, many=count)
+        return BenchRow(made, many=count)
     forest = made()
     if what == "read":
-        return Row(read_back, lambda seen: _errors(seen.geometry, forest), count)
+        return BenchRow(read_back, lambda seen: _errors(seen.geometry, forest), count)
     if what == "first chunk of a strip":
         strip, _ = choose(spec.Airborne(name="strip"))
-        return Row(lambda: next(iter(Scan(strip, read_back().eyes(strip), 0).chunks())), many=count)
+        return BenchRow(
+            lambda: next(iter(Scan(strip, read_back().eyes(strip), 0).chunks())), many=count
+        )
     folder = TemporaryDirectory()
     path = Path(folder.name) / "forest.blend"
 
@@ -259,7 +261,7 @@ def _in_blender(what: str, instancing: str, count: int) -> Row:
         open_file(path)
         bpy.context.evaluated_depsgraph_get()
 
-    return Row(saved, lambda _, kept=folder: f"- ({path.stat().st_size / 1e6:.0f} MB)", count)
+    return BenchRow(saved, lambda _, kept=folder: f"- ({path.stat().st_size / 1e6:.0f} MB)", count)
 
 
 def _errors(geometry: Any, forest: GrownForest) -> str:

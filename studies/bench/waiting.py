@@ -17,7 +17,7 @@ import numpy as np
 from forest_addon.api import build, read
 
 from ..inside import Hits, pattern_of, spread, stream
-from .rows import Row, Rows
+from .rows import BenchRow, Rows
 
 TITLE = "waiting: large jobs, cold beside warm"
 WORDS = """\
@@ -71,12 +71,12 @@ def _read(text: str) -> Any:
         return read(path)
 
 
-def _built(text: str) -> Row:
+def _built(text: str) -> BenchRow:
     scene = _read(text)
-    return Row(lambda: build(scene), many=scene.plantings[0].expected)
+    return BenchRow(lambda: build(scene), many=scene.plantings[0].expected)
 
 
-def _scan() -> Row:
+def _scan() -> BenchRow:
     scene, folder = _read(HECTARE), TemporaryDirectory()
     world, sensor = build(scene), scene.sensors[0]
     pulses = pattern_of(sensor).count
@@ -84,10 +84,10 @@ def _scan() -> Row:
     def work() -> Any:
         return world.scan_to(Path(folder.name) / "scan.laz", sensor)
 
-    return Row(work, lambda written: f"- ({written.points:,} points)", pulses)
+    return BenchRow(work, lambda written: f"- ({written.points:,} points)", pulses)
 
 
-def _rays(mixed: bool) -> Row:
+def _rays(mixed: bool) -> BenchRow:
     """Rays of some beams, as they are side by side, or in any order; what differs between both."""
     scene = _read(HECTARE)
     caster, sensor = build(scene).observer.caster, scene.sensors[0]
@@ -115,14 +115,14 @@ def _rays(mixed: bool) -> Row:
             most = max(most, float(np.abs(apart).max(initial=0.0)))
         return f"{most:.0e} m, {other} of another face in the other order"
 
-    return Row(lambda: cast(mixed), error, sum(len(way) for _, way, _ in pieces))
+    return BenchRow(lambda: cast(mixed), error, sum(len(way) for _, way, _ in pieces))
 
 
-def _echo() -> Row:
+def _echo() -> BenchRow:
     scene = _read(LEAVES)
     world, sensor = build(scene), scene.sensors[0]
     leaves = int(sum(world.trees["leaves"]))
-    return Row(lambda: world.ping(sensor), lambda echo: f"{echo.audit.error:.0e}", leaves)
+    return BenchRow(lambda: world.ping(sensor), lambda echo: f"{echo.audit.error:.0e}", leaves)
 
 
 ROWS: Rows = {
