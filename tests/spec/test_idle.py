@@ -343,13 +343,13 @@ def test_every_setting_of_a_flight_changes_it_or_is_said_to_be_idle(stock, body)
     from forest_addon.flight.simulation import Flyers
 
     def flown(flight):
-        flyers = Flyers(flight, 6, None, None)
+        flyers = Flyers(flight, 2, None, None)
         flyers.enter(stock(flight.thinnest).surroundings())
-        flyers.start(range(6), range(6))
+        flyers.start(range(2), range(2))
         names = {"bat": 3, "bird": 1, "planar": 1, "quadrotor": 4}
         seen = [[int(solid.count.sum()) for solid in stock(flight.thinnest).solids]]
         for _ in range(3):
-            outcome = flyers.step(np.full((6, names[body]), 0.9))
+            outcome = flyers.step(np.full((2, names[body]), 0.9))
             seen += [flyers.sense(), flyers.state, outcome]
         return arrays(seen)
 
