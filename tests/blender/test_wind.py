@@ -21,7 +21,7 @@ from forest_addon.stand.wind import sway_of
 
 SCAN = forest.Terrestrial(
     position=(0, 0, 1.5),
-    angle_step_deg=2.5,
+    angle_step_deg=3.0,
     elevation_deg=(-10, 60),
     pulse_rate=3000.0,
     max_range=60.0,
@@ -50,6 +50,12 @@ def built(scene):
     """The stand in a scene's air: the same trees, whatever blows."""
     trees = grown(scene.seed, scene.plantings)
     return forest.Site.of(scene).build(trees, as_assets=False, looks=False)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fresh(blender):
+    """Frames of other tests' files say nothing here."""
+    blender.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
 @pytest.fixture(scope="module")

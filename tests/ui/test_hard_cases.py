@@ -502,15 +502,6 @@ def drawn():
     return test_panels.drawn()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", operators())
-def test_twice_in_a_row(again, name):
-    folder = again()
-    for _ in range(2):
-        done, words = press(name, **arguments(name, folder))
-        assert done or not unclear(words), words
-
-
 @pytest.mark.medium
 def test_the_frame_range_from_every_frame(again):
     for at in (frame_below_zero, frame_between):

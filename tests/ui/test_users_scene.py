@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.scene.layout import RESULTS, SENSORS, find_part, root
 
-from .test_hard_cases import again, arguments, cube, home, operators, press
+from .test_hard_cases import again, arguments, cube, home, operators, press, unclear
 
 __all__ = ["again", "home"]  # fixtures
 
@@ -191,8 +191,12 @@ def begin(again, mode):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # every property is read, old ones too
 @pytest.mark.parametrize("case", CASES)
 def test_nothing_of_the_users_is_touched(again, case):
+    """Pressed once more, a button works again or says why not."""
     folder, mine, before = begin(again, "OBJECT")
     assert changes(case, folder, mine, before)[1] == {}
+    name, settings = CASES[case]
+    done, words = press(name, **(arguments(name, folder) if settings is None else settings))
+    assert done or not unclear(words), words
 
 
 @pytest.mark.slow
