@@ -409,7 +409,7 @@ def test_every_setting_of_the_output_changes_files_or_is_said_to_be_idle(tmp_pat
     from headless.pipeline import run_scene
 
     off = dict.fromkeys(("pictures", "goodness", "leaves", "report", "blend", "glb"), False)
-    planting = Planting(species="whorl-8", variants=1, expected=12, exact=True)
+    planting = Planting(species="grass", variants=1, expected=12, exact=True)
     runs = iter(range(1000))
 
     def files(output):

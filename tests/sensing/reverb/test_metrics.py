@@ -321,11 +321,11 @@ def test_direct_sound_among_dense_leaves_and_twigs_is_kept():
 def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_out():
     """0.1 trunks per m² and no leaves: the last pieces are 40 dB below the first; 3 % more is found."""
     rng = stream(3, "stems")
-    radius = np.clip(rng.normal(0.15, 0.04, 4000), 0.02, None)
-    trunks = Trunks(rng.uniform(-100, 100, (4000, 2)), radius, np.full(4000, -1))
+    radius = np.clip(rng.normal(0.15, 0.04, 2560), 0.02, None)
+    trunks = Trunks(rng.uniform(-80, 80, (2560, 2)), radius, np.full(2560, -1))
     clap = CLAP.changed(model="forest", sample_rate=1000, duration=0.0)
     trunks = trunks.clear_of(np.array([HERE[:2], THERE[:2]]))
-    field, made = ((-100.0, -100.0), (200.0, 200.0)), Expansions()
+    field, made = ((-80.0, -80.0), (160.0, 160.0)), Expansions()
     found = impulse_response(trunks, clap, AIR, expansions=made, field=field)
     late = np.arange(len(found.trees)) > 0.3 * 1000
     noise, pairs = found.tail, pairs_of(trunks, clap, AIR, field=field)
