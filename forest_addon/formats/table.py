@@ -37,8 +37,10 @@ LENGTHS |= {"м": 1.0, "см": 0.01, "мм": 0.001}
 ANGLES = {"deg": math.pi / 180, "rad": 1.0, "gon": math.pi / 200, "degrees": math.pi / 180}
 AREAS = {"m2": 1.0, "sqm": 1.0, "ft2": 0.3048**2}
 
-ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
-ABSENT += ("n.a.", "k.a.", "nd", "#n/a", "<na>", "?", "–", "—")
+ABSENT = (  # where nothing was measured
+    *("", "na", "nan", "n/a", "null", "none", ".", "-"),
+    *("n.a.", "k.a.", "nd", "#n/a", "<na>", "?", "–", "—"),
+)
 
 SUMS = (  # how rows begin that are no trees
     "total totals sum mean average median summe gesamt mittel mittelwert moyenne somme totale media promedio"
