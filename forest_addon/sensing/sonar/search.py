@@ -31,7 +31,7 @@ from .scatterers import Scatterers, Sight
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
-MANY, FEWER = 512, 7  # scatterers whose Σ|A| is known from so few frequencies
+MANY, FEWER = 512, 4  # scatterers whose Σ|A| is known from so few frequencies
 LOUDEST = 2048  # scatterers whose Σ|A| is the first lower bound
 CAUTION = 0.9  # a mean over few frequencies may be a little too large
 GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts

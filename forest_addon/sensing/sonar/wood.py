@@ -55,6 +55,7 @@ THICK = 4.0  # ka from where these two are taken apart
 FADING = 2.2  # about e^{-FADING·(ka)^⅓} of S creeps around
 AUDIBLE = 300.0  # over it, from where on that is faint
 LARGEST = 600.0  # ka; beyond, S grows as its root
+FINE = 12_000  # steps up to there of what S at most is
 TABULATED, EXTENDED = 5e-7, 4e-6  # largest error of S relative to it, up to there and beyond
 
 
@@ -285,9 +286,9 @@ def _mirrored(size: np.ndarray) -> np.ndarray:
 
 def _largest_backscatter(size: np.ndarray) -> np.ndarray:
     """Upper bound of |S(x, π)| over x <= ka."""
-    grid, largest = _envelope()
-    after = np.minimum(np.searchsorted(grid, size), len(grid) - 1)
-    return largest[after] * np.sqrt(np.maximum(size / LARGEST, 1.0))
+    largest = _envelope()
+    place = np.ceil(_coordinate(np.fmin(size, LARGEST)) * (FINE / _coordinate(LARGEST)))
+    return largest.take(place.astype(np.int64)) * np.sqrt(np.maximum(size / LARGEST, 1.0))
 
 
 @lru_cache(maxsize=1)
@@ -324,12 +325,14 @@ def _tables() -> tuple[float, float, int, np.ndarray]:
 
 
 @lru_cache(maxsize=1)
-def _envelope() -> tuple[np.ndarray, np.ndarray]:
-    size = np.concatenate([np.linspace(0, 20, 4001), np.linspace(20, LARGEST, 4000)[1:]])
-    return size, np.maximum.accumulate(np.abs(_backscatter(size))) * 1.001
+def _envelope() -> np.ndarray:
+    """No |S(x, π)| is larger up to even steps of ``_coordinate``; a hair beyond the last, for rounding."""
+    size = _size(np.linspace(0.0, _coordinate(LARGEST), FINE + 1))
+    largest = np.maximum.accumulate(np.abs(_backscatter(size))) * 1.001
+    return np.append(largest, largest[-1])
 
 
-def _coordinate(size: np.ndarray) -> np.ndarray:
+def _coordinate(size: np.ndarray | float) -> np.ndarray:
     """Even steps of it are small where S wiggles (ka near 1) and wide where it is smooth."""
     return np.log1p(2.0 * size)
 
