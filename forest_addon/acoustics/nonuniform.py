@@ -146,8 +146,8 @@ def _planned(
     alike : how many times their root of the sum of squares errors are together, at most.
     """
     # Numbers of nodes need no more than single precision, in half the time.
-    turn = np.broadcast_to(np.abs(reach), loud.shape).astype(np.float32)
-    turn = task.octave + math.pi * task.width * turn
+    reached = np.broadcast_to(np.abs(reach), loud.shape).astype(np.float32)
+    turn = task.octave + math.pi * task.width * reached
     total = float(loud.sum())
     chance = 0.5 / len(loud) + (0.5 / total) * loud  # of being drawn, over how many are
     # By exponent and eight bits of a short float: ten times faster than by the turns, which are alike then.
@@ -223,8 +223,7 @@ def _ratios() -> tuple[np.ndarray, np.ndarray]:
     """n/turn at ``FALLS``, and how much it grows to the next."""
     alpha = np.linspace(0.0, 8.0, 4000)
     ratio = np.interp(FALLS, alpha * np.cosh(alpha) - np.sinh(alpha), np.cosh(alpha))
-    ratio = ratio.astype(np.float32)
-    return ratio, np.diff(ratio, append=ratio[-1])
+    return ratio.astype(np.float32), np.diff(ratio, append=ratio[-1]).astype(np.float32)
 
 
 def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:

@@ -336,4 +336,4 @@ def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
 def _finite(made: Scatterers) -> np.ndarray:
     """(M,) whether every number of each is finite."""
     values = [v for v in vars(made).values() if isinstance(v, np.ndarray) and v.dtype.kind == "f"]
-    return np.isfinite(sum(v.sum(axis=tuple(range(1, v.ndim))) for v in values))
+    return np.isfinite(sum(np.einsum("im->m", np.atleast_2d(v.T)) for v in values))

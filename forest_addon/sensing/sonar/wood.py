@@ -166,7 +166,8 @@ class WoodPopulation(Population):
         self.blocks = cluster(middle, half + radius)
         order = self.blocks.order
         self._start, self._end, self._radius = start[order], end[order], radius[order]
-        self._length = self.blocks.each(np.add, 2 * half[order])
+        self._length = 2 * half[order]
+        self._lengths = self.blocks.each(np.add, self._length)
         self._thickest = self.blocks.each(np.maximum, self._radius)
 
     @property
@@ -176,16 +177,17 @@ class WoodPopulation(Population):
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         widest = views.stretch[:, 0]
         size = _largest_backscatter(highest * widest * self._thickest[views.block])
-        return widest * self._length[views.block] / math.pi * size
+        return widest * self._lengths[views.block] / math.pi * size
 
     def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> list[Scatterers]:
         linear, shift = transform[:, :3], transform[:, 3]
-        start, end = self._start[rows] @ linear.T + shift, self._end[rows] @ linear.T + shift
+        start, end = (ends.take(rows, 0) @ linear.T + shift for ends in (self._start, self._end))
         span = end - start
-        length, local = lengths(span), lengths(self._end[rows] - self._start[rows])
+        length = lengths(span)
         # The cross section changes by what the volume changes beyond the length.
         volume = abs(float(np.linalg.det(linear)))
-        radius = self._radius[rows] * np.sqrt(volume * local / np.maximum(length, 1e-30))
+        shrunk = self._length[rows] / np.maximum(length, 1e-30)
+        radius = self._radius[rows] * np.sqrt(volume * shrunk)
         return [_cut(start, span, length, radius, self.blocks.order[rows], sight)]
 
 
@@ -248,12 +250,7 @@ def _cut(
     row = np.repeat(np.arange(len(start)), parts)
     place = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
     middle = start.take(row, 0) + ((place + 0.5) / parts[row])[:, None] * span.take(row, 0)
-    axis = np.divide(
-        span,
-        length[:, None],
-        out=np.tile([0.0, 0.0, 1.0], (len(span), 1)),
-        where=length[:, None] > 0,
-    ).take(row, 0)
+    axis = (span / np.maximum(length, 1e-30)[:, None]).take(row, 0)
     towards = sight.point - middle
     square = towards - np.einsum("mi,mi->m", towards, axis)[:, None] * axis
     distance = np.maximum(lengths(square), 1e-30)
