@@ -151,9 +151,6 @@ class Cloud(RowTable):
     unfollowed: int = 0
     waves: Waveforms | None = None
 
-    def __len__(self) -> int:
-        return len(self.pulse)
-
 
 def join(clouds: Sequence[Cloud]) -> Cloud:
     """One cloud of the pieces of a scan, in order; at least one piece."""

@@ -35,9 +35,6 @@ class Pulses(RowTable):
     time: np.ndarray
     scan_angle: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.time)
-
 
 class Pattern(Protocol):
     """All pulses of a scan."""

@@ -62,9 +62,6 @@ class Trunks(RowTable):
     thin: int = 0
     inside: int = 0
 
-    def __len__(self) -> int:
-        return len(self.radius)
-
     def clear_of(self, places: np.ndarray) -> Trunks:
         """Trunks that cover none of the places (P, 2)."""
         free = np.ones(len(self), dtype=bool)
