@@ -4,10 +4,11 @@ The crowns that stand about a tree, weighted by a normal kernel of twice its own
 square of their height over its own (light comes from above), cover a share of the ground, κ. The score
 (log κ - log κ₀)/s, κ₀ = 1.5, is a part of what crown bases and widths of the tree differ by from the law
 of its kind: above 0 the base is higher and the crown narrower than of most measured trees, below 0 lower and
-wider. Stands differ in these also by what competition does not tell. Crowns of neighbours overlap little and
-grow into gaps between them, no living crown is but a tuft on a pole, none has more leaves than nineteen of
-twenty measured ones, and no stand a larger leaf area index than closed ones have. A crown stands aside of its
-stem, towards the light (``aside``): its variant is grown so, and the tree is turned to where the light is.
+wider. Stands differ in these also by what competition does not tell. Crowns of neighbours grow into gaps
+between them, and overlap by what the widths of trees in stands make: nothing else narrows them. No living
+crown is but a tuft on a pole, none has more leaves than nineteen of twenty measured ones, and no stand a
+larger leaf area index than closed ones have. A crown stands aside of its stem, towards the light
+(``aside``): its variant is grown so, and the tree is turned to where the light is.
 """
 
 from __future__ import annotations
@@ -24,8 +25,6 @@ MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
 ALONE = (-MOST * WIDTH, -MOST * BASE)  # scores of crown width and base of a tree without neighbours
 YOUNG = 0.07  # metres of diameter, below which a tree stands under the canopy
-OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
-NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width
 INTO_GAPS = 0.17  # of its width, that a crown with gaps on half its sides is wider than drawn
 BESIDE, SIDES = 1.1, 24  # of its radius, where a crown's sides are looked at, and how many of them
 WAYS = np.stack([f(2 * np.pi * np.arange(SIDES) / SIDES) for f in (np.cos, np.sin)], axis=1)
@@ -109,22 +108,6 @@ def competed(uniform: np.ndarray, found: np.ndarray) -> np.ndarray:
         noise = weight * found + np.sqrt(1 - weight**2) * ndtri(uniform[:, column])
         mixed[:, column] = np.clip(ndtr(noise), 1e-6, 1 - 1e-6)
     return mixed
-
-
-def apart(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(N,) crown widths, those that are free (N,) bool narrower where neighbours stand too near."""
-    if len(place) < 2:
-        return width
-    pairs = cKDTree(place).query_pairs(float(width.max()) / OVERLAP, output_type="ndarray")
-    if not len(pairs):
-        return width
-    a, b = pairs.T
-    gap = np.linalg.norm(place[a] - place[b], axis=1)
-    room = OVERLAP * gap / ((width[a] + width[b]) / 2)
-    factor = np.ones(len(place))
-    for side in (a, b):
-        np.minimum.at(factor, side, room)
-    return np.where(free, width * np.clip(factor, NARROWEST, 1.0), width)
 
 
 def claimants(place: np.ndarray, height: np.ndarray, width: np.ndarray, share: float) -> Pairs:

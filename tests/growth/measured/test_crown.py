@@ -117,6 +117,10 @@ def test_dead_branches_hang_below_the_crown():
     assert height.min() < 1.0
     upper, lower = (height > 6).sum(), (height < 3).sum()
     assert upper > 1.4 * lower  # they fall in the end
+    reach = np.linalg.norm(wood.end[dead, :2], axis=1)
+    # What died on a tree a third as high is a third as long as what died last, or is rotten.
+    low, high = (reach[wood.end[dead, 2] < 3].max(), reach[wood.end[dead, 2] > 7].max())
+    assert low < 0.45 * high
     assert not dead[wood.parent[~dead & (wood.parent >= 0)]].any()  # nothing lives on dead wood
     on_axis = wood.start[foot] - wood.start[wood.parent[foot]]
     way = wood.end[wood.parent[foot]] - wood.start[wood.parent[foot]]
