@@ -63,8 +63,8 @@ wider than the stem from 1.4 to 6 m up, where plots have medians of 0.23 to 0.61
 are dead branches, which reached 2 to 3 m from the stem in the lowest 8 m, though a branch that died there did
 so when the tree was small. Without needles, the drone sees them better: our larches' base then went down,
 the real ones' up. From tripods, some of our conifers had no narrow layer at all, and the measure found their
-tips. Since these rows were made, dead branches are the shorter the lower they are: in a pine of 29 m with a crown
-from 15 m on, 95 % of their ends below 6 m are within 0.55 m of the stem.
+tips. Since these rows were made, dead branches are the shorter the lower they are: in a pine of 29 m with a
+crown from 15 m on, 95 % of their ends below 6 m are within 0.55 m of the stem.
 """
 PRESETS = {  # of each genus, our kind
     "Abies": "silver-fir",
