@@ -106,7 +106,7 @@ BUDGETS = {
     "forest_addon/results": (1202, 17),
     "forest_addon/sensing": (12644, 92),
     "forest_addon/spec": (1321, 11),
-    "forest_addon/stand": (3575, 15),
+    "forest_addon/stand": (3559, 15),
     "forest_addon/ui": (5459, 38),
     "headless": (1691, 15),
     "headless/accuracy": (584, 4),
