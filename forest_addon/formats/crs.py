@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from contextlib import suppress
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +14,33 @@ import numpy as np
 from ..spec import SpecError
 from ..spec.forest import METRES
 
-EPSG_UNITS = {9001: METRES["m"], 9002: METRES["ft"], 9003: METRES["us-ft"]}
-
+EPSG_UNITS = {  # metre, feet international, of the US, of Clarke, of India, yard, kilometre, cm, mm
+    9001: METRES["m"],
+    9002: METRES["ft"],
+    9003: METRES["us-ft"],
+    9005: 0.3047972654,
+    9080: 0.3047995102,
+    9096: 0.9144,
+    9036: 1000.0,
+    1033: METRES["cm"],
+    1025: METRES["mm"],
+}
+UNITS = METRES | {
+    f"{part}{end}": METRES[unit]
+    for part, unit in (("", "m"), ("deci", "dm"), ("centi", "cm"), ("milli", "mm"))
+    for end in ("metre", "meter", "metres", "meters")
+}
+GEO_KEYS = {  # of GeoTIFF, by their numbers
+    1024: "GTModelTypeGeoKey",
+    2048: "GeographicTypeGeoKey",
+    3072: "ProjectedCSTypeGeoKey",
+    3076: "ProjLinearUnitsGeoKey",
+    3077: "ProjLinearUnitSizeGeoKey",
+    4096: "VerticalCSTypeGeoKey",
+    4099: "VerticalUnitsGeoKey",
+}
+MODEL, GLOBE, PLANE, UNIT, UNIT_SIZE, HEIGHT, HEIGHT_UNIT = GEO_KEYS
+IN_DEGREES, CODES = 2, range(1024, 32767)  # a model; codes that are EPSG's
 AWAY = 10.0  # degrees beside a system's area of use, beyond which places are taken for a slip
 URN = re.compile(r"urn:ogc:def:crs:(\w+):[^:]*:")
 
@@ -40,15 +68,50 @@ def to_map(crs: str, longitude: np.ndarray, latitude: np.ndarray) -> tuple[np.nd
 
 
 def unit_named(unit: object, otherwise: float) -> float:
-    """Metres of a unit of length by its EPSG number or its word, as "US survey foot"; None: otherwise."""
+    """Metres of a unit of length by its EPSG number or its word, as "US survey foot"; None: otherwise.
+
+    Raises
+    ------
+    SpecError : a number that is of no unit that is known.
+    """
     if unit is None or unit == "":
         return otherwise
     if isinstance(unit, int):
-        return EPSG_UNITS.get(int(unit), otherwise)
+        if unit not in EPSG_UNITS:
+            raise SpecError("crs", f"it counts in unit {unit} of EPSG; convert it to metres")
+        return EPSG_UNITS[unit]
     word = str(unit).strip().lower()
     if "ft" in word or "foot" in word or "feet" in word:
         return METRES["us-ft" if "us" in word else "ft"]
-    return METRES.get(word, otherwise)
+    return UNITS.get(word, otherwise)
+
+
+def system_of(
+    path: Path, told: str, keys: Mapping[int, Any], otherwise: str = ""
+) -> tuple[str, float, float]:
+    """Name of a file's coordinate system, and metres of its units on the map and in height.
+
+    told : its WKT. keys : numbers of ``GEO_KEYS``, which count where there is none. otherwise : the system of
+    a file that names none.
+
+    Raises
+    ------
+    SpecError : it is in degrees or not known, or counts in a unit that is not known.
+    """
+    code = next((keys[key] for key in (PLANE, GLOBE) if keys.get(key) in CODES), None)
+    crs = told or (f"EPSG:{code}" if code else otherwise)
+    try:
+        if not crs and keys.get(MODEL) == IN_DEGREES:
+            raise SpecError("crs", "it is in degrees; project it to metres")
+        size = keys.get(UNIT_SIZE)
+        flat, up = metres_of(crs, unit_named(keys.get(UNIT), 1.0) if size is None else size)
+        with suppress(SpecError):  # some give a datum for the system of heights
+            if code and not told and keys.get(HEIGHT) in CODES:
+                flat, up = metres_of(f"{crs}+{keys[HEIGHT]}")
+        return crs, flat, unit_named(keys.get(HEIGHT_UNIT), up)
+    except SpecError as problem:
+        said = f"has a system that cannot be used: {problem.problem}"
+        raise SpecError(str(path), said) from None
 
 
 def metres_of(crs: str, otherwise: float = 1.0) -> tuple[float, float]:

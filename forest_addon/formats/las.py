@@ -19,7 +19,7 @@ import laspy
 import lazrs
 import numpy as np
 from laspy.point.dims import WAVEFORM_FIELDS_NAMES
-from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
+from laspy.vlrs.known import GeoDoubleParamsVlr, GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 
 from ..base.labels import Labels
 from ..base.rows import distinct
@@ -27,7 +27,7 @@ from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ..spec import SpecError
 from .atomic import replacing
 from .copc import write_copc
-from .crs import can_tell_crs, metres_of, unit_named, wkt_of
+from .crs import UNIT_SIZE, can_tell_crs, system_of, wkt_of
 from .foreign import PACKED, guarded
 from .ply import StoredRows, bounds
 
@@ -47,13 +47,6 @@ COPC = ".copc.laz"
 LAYERED = 3  # the compressor of LAZ whose chunks are layers
 LAYERS, BYTES = {10: 9, 12: 2}, 14  # of its items by their kind, else one; of extra bytes one each
 MOST_OF_CHUNK = 1_000_000  # points that a small file may count in a chunk
-PROJECTED, GEOGRAPHIC, LINEAR_UNIT, VERTICAL_UNIT, OWN_KEY = (
-    3072,
-    2048,
-    3076,
-    4099,
-    32767,
-)  # GeoTIFF keys
 EXTRA = {
     "tree": "number of the tree",
     "species": "number of the species",
@@ -166,10 +159,7 @@ def read_las(path: Path, crs: str = "") -> laspy.LasData:
         ) from None
     if not len(cloud.points):
         raise SpecError(str(path), "has no points")
-    try:
-        flat, up = _units(cloud.header, crs)
-    except SpecError as problem:
-        raise SpecError(str(path), f"has a system that cannot be used: {problem.problem}") from None
+    _, flat, up = _units(path, cloud.header, crs)
     for part in (cloud.header, cloud.points):
         part.scales = part.scales * [flat, flat, up]
         part.offsets = part.offsets * [flat, flat, up]
@@ -219,22 +209,20 @@ def _refuse_chunks(path: Path, header: laspy.LasHeader) -> None:
             )
 
 
-def _units(header: laspy.LasHeader, crs: str) -> tuple[float, float]:
-    """Metres of the units of a file's coordinates on the map and in height."""
+def _units(path: Path, header: laspy.LasHeader, crs: str) -> tuple[str, float, float]:
+    """Coordinate system of a file, and metres of its units on the map and in height."""
     stored = header.vlrs.get_by_id("LASF_Projection")
+    sizes = [size for one in stored if isinstance(one, GeoDoubleParamsVlr) for size in one.doubles]
     keys = {
-        key.id: key.value_offset
+        key.id: sizes[key.value_offset] if key.id == UNIT_SIZE else int(key.value_offset)
         for record in stored
         if isinstance(record, GeoKeyDirectoryVlr)
         for key in record.geo_keys
     }
-    flat = unit_named(keys.get(LINEAR_UNIT), 1.0)
     texts = [record.string for record in stored if isinstance(record, WktCoordinateSystemVlr)]
     if not can_tell_crs() and any("foot" in text.lower() for text in texts):
-        raise SpecError("crs", "it counts in feet, which needs pyproj; install it")
-    codes = [f"EPSG:{keys[k]}" for k in (PROJECTED, GEOGRAPHIC) if 1024 <= keys.get(k, 0) < OWN_KEY]
-    flat, up = metres_of([*(text for text in texts if text), *codes, crs][0], flat)
-    return flat, unit_named(keys.get(VERTICAL_UNIT), up)
+        raise SpecError(str(path), "counts in feet, which needs pyproj; install it")
+    return system_of(path, next((text for text in texts if text.strip("\0 ")), ""), keys, crs)
 
 
 def _classes(labels: Labels) -> np.ndarray:

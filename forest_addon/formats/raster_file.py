@@ -25,7 +25,15 @@ from scipy.spatial import cKDTree
 
 from ..spec import SpecError
 from ..spec.forest import METRES
-from .crs import can_tell_crs, metres_of, metric_near, unit_named
+from .crs import (
+    GEO_KEYS,
+    IN_DEGREES,
+    MODEL,
+    can_tell_crs,
+    metric_near,
+    system_of,
+    unit_named,
+)
 from .foreign import guarded
 from .tree_map import column_of, pairs_of
 
@@ -37,7 +45,7 @@ PNG = b"\x89PNG"
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WHITE_IS_ZERO, PALETTE = 0, 3  # of TIFF's photometric interpretation
 PIXEL_SCALE, TIE_POINT, MATRIX, METADATA, NO_DATA = 33550, 33922, 34264, 42112, 42113  # tags
-GEOGRAPHIC, POINT, OWN = 2, 2, 32767  # of a GeoTIFF's model and raster types; a system of its own
+POINT = 2  # of a GeoTIFF's raster types
 RGB = 2  # of TIFF's photometric interpretation
 NOTHING = (-9999.0, -99999.0, -32768.0, -32767.0)  # no height or amount, said or not
 ENDLESS = 1e38  # beyond are the largest floats, which stand for nothing
@@ -73,7 +81,7 @@ class GeoRaster:
     pixels : (rows, columns) float64, the first row the upper edge of an image; NaN where there is nothing.
     transform : (2, 3) from column, row and 1, counted from the outer corner of the first pixel, to metres
     on the map; None of an image. crs : its coordinate system; empty: not said. unit : metres of a unit of
-    height. note : what was left aside of the file.
+    height. note : what was left aside of the file. shades : numbers are bytes, as of a picture.
     """
 
     pixels: np.ndarray
@@ -81,6 +89,7 @@ class GeoRaster:
     crs: str = ""
     unit: float = 1.0
     note: str = ""
+    shades: bool = False
 
     def places(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
         """(..., 2) metres on the map of columns and rows, counted from the first pixel's outer corner."""
@@ -135,6 +144,11 @@ class GeoRaster:
         ------
         SpecError : no pixel has one, or some are beyond -500 to 9,000 m.
         """
+        if self.shades and unit is None:
+            raise SpecError(
+                str(path),
+                "holds bytes, as a hillshade or another picture; if they are heights, say unit = 'm'",
+            )
         metres = self.pixels * (self.unit if unit is None else unit)
         if not np.isfinite(metres).any():
             raise SpecError(str(path), "has no height at all: every pixel is NoData")
@@ -252,7 +266,7 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
     try:
         with tifffile.TiffFile(path) as opened:
             page: Any = opened.pages[0]
-            keys, tags, colour = page.geotiff_tags or {}, page.tags, page.photometric == RGB
+            named, tags, colour = page.geotiff_tags or {}, page.tags, page.photometric == RGB
             scale, tie, matrix = map(tags.valueof, (PIXEL_SCALE, TIE_POINT, MATRIX))
             told = {number: tags.valueof(number) for number in (METADATA, NO_DATA)}
     except Exception:  # no TIFF; what is damaged is told where its pixels are read
@@ -270,32 +284,30 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
         raise SpecError(str(path), "is in colour; give one band of heights or amounts")
     if not np.isfinite(transform).all() or not np.linalg.det(transform[:, :2]):
         raise SpecError(str(path), "does not say where it lies in numbers; save it again")
-    if keys.get("GTRasterTypeGeoKey") == POINT:
+    if named.get("GTRasterTypeGeoKey") == POINT:
         transform[:, 2] -= transform[:, :2].sum(axis=1) / 2
-    codes = [int(keys.get(f"{kind}CSTypeGeoKey", OWN)) for kind in ("Projected", "Vertical")]
-    crs = f"EPSG:{codes[0]}" if codes[0] != OWN else ""
-    _refuse_degrees(path, crs, transform, keys.get("GTModelTypeGeoKey") == GEOGRAPHIC)
-    flat = unit_named(keys.get("ProjLinearUnitsGeoKey"), 1.0)
-    whole = [f"{crs}+{codes[1]}"] if crs and codes[1] != OWN else []
-    flat, up = _units_of(path, [*whole, crs], flat)  # some give a datum for the system of heights
-    up = unit_named(keys.get("VerticalUnitsGeoKey"), up)
+    keys = {number: named[name] for number, name in GEO_KEYS.items() if name in named}
+    if keys.get(MODEL) == IN_DEGREES:
+        raise _in_degrees(path, transform)
+    crs, flat, up = system_of(path, "", keys)
+    _refuse_degrees(path, crs, transform)
     return GeoRaster(np.zeros((0, 0)), flat * transform, crs, up), told
 
 
-def _refuse_degrees(path: Path, crs: str, transform: np.ndarray, known: bool = False) -> None:
-    """Refuse what is known to lie in degrees, or does by its small steps and no system's name.
+def _in_degrees(path: Path, transform: np.ndarray) -> SpecError:
+    """Sentence on what lies in degrees, at the last column of (2, 3)."""
+    return SpecError(
+        str(path),
+        f"lies in degrees; project it, as by gdalwarp -t_srs {metric_near(*transform[:, 2])} {path.name} "
+        "OUT.tif",
+    )
 
-    Raises
-    ------
-    SpecError : says how to project it.
-    """
+
+def _refuse_degrees(path: Path, crs: str, transform: np.ndarray) -> None:
+    """Refuse what lies in degrees by its small steps and no system's name."""
     step, (east, north) = np.abs(transform[:, :2]).max(), transform[:, 2]
-    if known or (not crs and step < DEGREES and abs(east) <= 180 and abs(north) <= 90):
-        raise SpecError(
-            str(path),
-            f"lies in degrees; project it, as by gdalwarp -t_srs {metric_near(east, north)} {path.name} "
-            "OUT.tif",
-        )
+    if not crs and step < DEGREES and abs(east) <= 180 and abs(north) <= 90:
+        raise _in_degrees(path, transform)
 
 
 def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, Any]) -> GeoRaster:
@@ -316,6 +328,7 @@ def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, A
         pixels=values,
         unit=unit_named(said.get("UNITTYPE"), place.unit),
         note=f"the first of its {bands} bands" if bands > 1 else "",
+        shades=stored.dtype.itemsize == 1 and "SCALE" not in said,
     )
 
 
@@ -352,17 +365,7 @@ def _system_beside(path: Path) -> tuple[str, float, float]:
     height; metres where there is none."""
     beside = path.with_suffix(".prj")
     crs = beside.read_text("utf-8", errors="replace").strip() if beside.is_file() else ""
-    return crs, *_units_of(path, [crs], 1.0)
-
-
-def _units_of(path: Path, systems: list[str], otherwise: float) -> tuple[float, float]:
-    """Metres of the units of the first system that PROJ knows, on the map and in height."""
-    for crs in systems:
-        try:
-            return metres_of(crs, otherwise)
-        except SpecError as problem:
-            refused = SpecError(str(path), f"has a system that cannot be used: {problem.problem}")
-    raise refused
+    return system_of(path, crs, {})
 
 
 def _read_points(path: Path) -> np.ndarray:
@@ -387,7 +390,7 @@ def _read_points(path: Path) -> np.ndarray:
     at, units, _ = zip(*filter(None, both), up, strict=True)
     points = np.loadtxt(lines[first:], usecols=at, ndmin=2) * units
     if re.search("lon|lng", head[at[0]].lower()):
-        _refuse_degrees(path, "", np.column_stack([np.eye(2), points[0, :2]]), True)
+        raise _in_degrees(path, np.column_stack([np.eye(2), points[0, :2]]))
     return points
 
 
