@@ -107,11 +107,10 @@ def system_of(
         flat, up = metres_of(crs, unit_named(keys.get(UNIT), 1.0) if size is None else size)
         with suppress(SpecError):  # some give a datum for the system of heights
             if code and not told and keys.get(HEIGHT) in CODES:
-                flat, up = metres_of(f"{crs}+{keys[HEIGHT]}")
+                flat, up = metres_of(f"{crs}+{keys[HEIGHT]}", flat)
         return crs, flat, unit_named(keys.get(HEIGHT_UNIT), up)
     except SpecError as problem:
-        said = f"has a system that cannot be used: {problem.problem}"
-        raise SpecError(str(path), said) from None
+        raise SpecError(str(path), f"has a system that cannot be used: {problem.problem}") from None
 
 
 def metres_of(crs: str, otherwise: float = 1.0) -> tuple[float, float]:

@@ -224,10 +224,7 @@ def write_png(pixels: np.ndarray) -> bytes:
 
 
 def _read_array(path: Path) -> np.ndarray:
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError) as problem:
-        raise SpecError(str(path), f"is not an npy file of numbers: {problem}") from None
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "buif":
         raise SpecError(str(path), "is not an npy file of real numbers; save a plain array")
     if array.ndim != 2 or not 0 < array.size <= MOST_PIXELS:

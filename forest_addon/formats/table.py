@@ -225,15 +225,11 @@ class Sheet:
             with suppress(ValueError):
                 numbers[row] = float(told if "." in told else told.replace(",", ".", 1))
             rounded = ROUNDED.fullmatch(told) if key in "xy" else None
-            if rounded and int(rounded[2]) > len(rounded[1]):
-                raise SpecError(
-                    str(self.path),
-                    f'row {self.rows[row][0]}: {key} is "{told}", which a spreadsheet has rounded; give its '
-                    "cells the format of a number, and save it again",
-                )
+            coarse = rounded is not None and int(rounded[2]) > len(rounded[1])
             unsure = any(THOUSANDS[mark].fullmatch(told) for mark in self.thousands)
-            if unsure or not self.lowest <= numbers[row] < math.inf:
+            if unsure or coarse or not self.lowest <= numbers[row] < math.inf:
                 why = "which may be thousands" if unsure else "not a finite number"
+                why = "which a spreadsheet has rounded" if coarse else why
                 raise SpecError(
                     str(self.path),
                     f'row {self.rows[row][0]}: {key} is "{told}", {why}; use one kind of decimals '

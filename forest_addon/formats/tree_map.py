@@ -172,8 +172,9 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
         :STEMS
     ]:
         sheet.said.append(f"{path.name}: taken for living: status {', '.join(others)}")
-    dead = dict.fromkeys(("dead", "tot", "mort", "muerto", "morto", "dod", "dood"), YES)
-    words = dead | dict.fromkeys(LIVING, NO)
+    words = dict.fromkeys(
+        ["dead", "tot", "mort", "muerto", "morto", "dod", "dood"], YES
+    ) | dict.fromkeys(LIVING, NO)
     alive = ~np.isin(told, words.get(sheet.name("status"), GONE.split("|")))
     if len({*sheet.texts("zone")} - {""}) > 1:
         raise SpecError(str(path), "has trees of several UTM zones; give each zone its own table")
@@ -190,8 +191,9 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     count = "1 tree" if len(keep) == 1 else f"{len(keep):,} trees"
     said = (f"{count} of {path.name}: {columns}", *sheet.said)
     trees = TreeMap(position, species[keep], line[keep], numbers[keep], said, crs)
-    kept = [sheet.rows[row] for row in keep]
-    return _with_stems(path, trees, [groups[row] for row in keep], kept)
+    return _with_stems(
+        path, trees, [groups[row] for row in keep], [sheet.rows[row] for row in keep]
+    )
 
 
 @guarded("a CSV file with columns x, y and ring", most=MOST)

@@ -96,7 +96,7 @@ def test_a_call_from_a_wav_file(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="silent"):
         equip(sonar, tmp_path)
     (tmp_path / "call.wav").write_bytes(b"no sound")
-    with pytest.raises(SpecError, match="is not a WAV file"):
+    with pytest.raises(SpecError, match="cannot be read as a WAV file"):
         equip(sonar, tmp_path)
 
 

@@ -86,10 +86,12 @@ def test_beam_and_noise_make_twigs_thicker_and_thick_branches_hardly():
 def test_a_cloud_of_ones_own_needs_a_scene(tmp_path):
     with pytest.raises(SpecError, match="--scene: is needed beside a cloud"):
         compare_own(tmp_path / "a.laz", None)
-    with pytest.raises(SpecError, match=r"a\.laz: is not there"):
+    with pytest.raises(
+        SpecError, match=r"a\.laz: there is no such file|a\.laz there is no such file"
+    ):
         read_las(tmp_path / "a.laz")
     (tmp_path / "a.laz").write_bytes(b"no cloud")
-    with pytest.raises(SpecError, match="cannot be read as LAS or LAZ"):
+    with pytest.raises(SpecError, match="cannot be read as a LAS or LAZ file"):
         lidar.validate(
             Path(), tmp_path, argparse.Namespace(file=tmp_path / "a.laz", scene=tmp_path, seed=1)
         )
