@@ -3,7 +3,7 @@
 import laspy
 import numpy as np
 import pytest
-from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
+from laspy.vlrs.known import GeoDoubleParamsVlr, GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 
 pyproj = pytest.importorskip("pyproj")
 
@@ -59,7 +59,7 @@ def save(path, flight, unit=(1.0, 1.0), record=None, clock=0.0, said=True):
     cloud.scan_angle = np.rint(angle / 0.006) * said
     cloud.classification = np.where(number == 2, 2, 5)
     if record is not None:
-        cloud.header.vlrs.append(record)
+        cloud.header.vlrs.extend(record if isinstance(record, list) else [record])
     cloud.write(path)
 
 
@@ -68,16 +68,25 @@ def wkt(code):
 
 
 def geokeys(**codes):
-    numbers = {"linear": 3076, "vertical": 4099, "projected": 3072}
+    numbers = {"linear": 3076, "vertical": 4099, "projected": 3072, "height": 4096, "size": 3077}
     record = GeoKeyDirectoryVlr()
     words = [1, 1, 0, len(codes)]
     for key, value in sorted((numbers[name], value) for name, value in codes.items()):
-        words += [key, 0, 1, value]
+        words += [key, 34736 if key == 3077 else 0, 1, value]
     record.parse_record_data(np.array(words, dtype="<u2").tobytes())
     return record
 
 
+def own_unit(metres):
+    sizes = GeoDoubleParamsVlr()
+    sizes.parse_record_data(np.array([metres], dtype="<f8").tobytes())
+    return [geokeys(linear=32767, size=0), sizes]
+
+
 UNITS = {
+    "heights of a code alone": ((US_FOOT, 1.0), lambda: geokeys(projected=2227, height=5703)),
+    "a unit of its own": ((0.31, 0.31), lambda: own_unit(0.31)),
+    "Clarke's foot": ((0.3047972654,) * 2, lambda: geokeys(linear=9005)),
     "feet of the system": ((US_FOOT, US_FOOT), lambda: wkt("EPSG:2227")),
     "feet on the map, metres of height": ((US_FOOT, 1.0), lambda: wkt("EPSG:2227+5703")),
     "metres on the map, feet of height": ((1.0, US_FOOT), lambda: wkt("EPSG:26943+6360")),
@@ -87,7 +96,6 @@ UNITS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", UNITS)
 def test_coordinates_are_read_in_metres(tmp_path, flight, kind):
     unit, record = UNITS[kind]
@@ -104,6 +112,9 @@ def test_degrees_and_systems_that_are_not_there_are_refused(tmp_path, flight):
         read_las(tmp_path / "a.las")
     save(tmp_path / "a.las", flight, record=geokeys(projected=29999))
     with pytest.raises(SpecError, match=r"EPSG:29999.*no coordinate system"):
+        read_las(tmp_path / "a.las")
+    save(tmp_path / "a.las", flight, record=geokeys(linear=9999))
+    with pytest.raises(SpecError, match=r"a\.las: has a system .* counts in unit 9999 of EPSG"):
         read_las(tmp_path / "a.las")
 
 

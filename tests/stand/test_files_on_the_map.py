@@ -192,6 +192,23 @@ def test_feet_of_a_system_are_metres_on_the_ground(tmp_path):
         read_inputs(scene("dem.tif", crs="EPSG:2227"), tmp_path)
 
 
+def test_metres_of_height_in_a_system_of_feet(tmp_path):
+    pytest.importorskip("pyproj")
+    said = META.format("UNITTYPE", "unittype", "metre")
+    geotiff(tmp_path / "dem.tif", heights(), UPRIGHT / US_FOOT, {3072: 2227}, metadata=said)
+    found, expected, _ = ground_of(tmp_path, scene("dem.tif", crs="EPSG:26943"))
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_picture_is_no_ground_unless_its_unit_is_said(tmp_path):
+    geotiff(tmp_path / "dem.tif", (heights() - 300).round().astype("u1"))
+    with pytest.raises(SpecError, match="holds bytes, as a hillshade"):
+        read_inputs(scene("dem.tif"), tmp_path)
+    settings = scene("dem.tif", unit="m", base=300.0)
+    found, expected, _ = ground_of(tmp_path, settings)
+    assert np.abs(found - expected).max() <= 0.5 + 1e-9
+
+
 def test_a_system_that_is_not_there_is_refused_with_the_file(tmp_path):
     pytest.importorskip("pyproj")
     geotiff(tmp_path / "dem.tif", heights(), keys={3072: 29999})
