@@ -204,7 +204,9 @@ def _refuse_chunks(path: Path, header: laspy.LasHeader) -> None:
 def _units(path: Path, header: laspy.LasHeader, crs: str) -> tuple[str, float, float]:
     """Coordinate system of a file, and metres of its units on the map and in height."""
     stored = header.vlrs.get_by_id("LASF_Projection")
-    sizes = [size for one in stored if isinstance(one, GeoDoubleParamsVlr) for size in one.doubles]
+    sizes = [
+        size.value for one in stored if isinstance(one, GeoDoubleParamsVlr) for size in one.doubles
+    ]
     keys = {
         key.id: sizes[key.value_offset] if key.id == UNIT_SIZE else int(key.value_offset)
         for record in stored
