@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from itertools import product
 
 import bpy
 import numpy as np
@@ -76,16 +75,14 @@ def draw_scene(
 
 def noise(place: np.ndarray) -> np.ndarray:
     """(N,) smooth noise at places (N, 3), 0 to 1: drawn at whole numbers, between them by cubic steps."""
-    cell = np.floor(place)
-    step = place - cell
+    cell = np.floor(place.T)
+    step = place.T - cell
     step *= step * (3.0 - 2.0 * step)
-    value = np.zeros(len(place))
-    for corner in product((0, 1), repeat=3):
-        lattice = (cell + corner).astype(np.int64).astype(np.uint64)
-        key = child_keys(child_keys(lattice[:, 0], lattice[:, 1]), lattice[:, 2])
-        x, y, z = np.where(corner, step, 1.0 - step).T
-        value += x * y * z * (key >> np.uint64(11)) * 2.0**-53
-    return value
+    x, y, z = np.stack([cell, cell + 1.0], axis=1).astype(np.int64).astype(np.uint64)
+    key = child_keys(child_keys(x[:, None], y)[:, :, None], z)  # (2, 2, 2, N) of the corners
+    a, b, c = np.stack([1.0 - step, step], axis=1)
+    value = a[:, None, None] * b[:, None] * c * (key >> np.uint64(11)) * 2.0**-53
+    return np.asarray(sum(value.reshape(8, len(place))))
 
 
 def filmic(light: np.ndarray) -> np.ndarray:

@@ -106,8 +106,11 @@ def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:
             )
     for number, mesh in enumerate(scene.meshes):
         rows = np.flatnonzero(scene.mesh_index == number)
-        leaf = mesh.part == LEAF
         slots = scene.slot_reflectance[number] if scene.slot_reflectance else np.full(1, np.nan)
+        said = np.concatenate([slots, scene.reflectance[rows]])
+        if not ((said < 0) | (said + surfaces.leaf_transmittance > 1)).any():
+            continue  # whichever triangles they are of
+        leaf = mesh.part == LEAF
         own = slots[np.clip(mesh.material, 0, len(slots) - 1)]
         for passes, here in ((0.0, ~leaf), (surfaces.leaf_transmittance, leaf)):
             said = np.concatenate([own[here], scene.reflectance[rows] if here.any() else []])
