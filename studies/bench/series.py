@@ -52,11 +52,12 @@ def _own() -> BenchRow:
 def _run(step: float, output: str) -> BenchRow:
     from ..inside import pattern_of, read_scene, run_scene
 
-    folder, seeds = TemporaryDirectory(), counting()
-    path, out = Path(folder.name) / "scene.toml", Path(folder.name) / "out"
+    folder, seeds = TemporaryDirectory(), counting()  # which is there as long as the work
+    path = Path(folder.name) / "scene.toml"
     path.write_text(STAND.format(step=step) + output)
 
     def work() -> float:
+        out = Path(folder.name) / "out"
         run_scene(read_scene(path, next(seeds)), path.parent, out, quiet=True)
         return json.loads((out / "run.json").read_text())["sensors"]["cloud"]["audit"]["error"]
 
