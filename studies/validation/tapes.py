@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, cKDTree
 
-from forest_addon.api import Noise, Rays, Skeleton, TriMesh
+from forest_addon.api import Noise, Rays, Skeleton, Terrestrial, TriMesh
 
 from ..inside import (
     SMALLEST,
@@ -226,7 +226,7 @@ STEP = 7.67e-4  # radians, as the authors' example has it: 7.67 mm at 10 m
 TRIPOD = SCANNER.changed(
     angle_step_deg=float(np.degrees(STEP)), line_step_deg=float(np.degrees(STEP))
 )
-WIDE, SEEN = 0.4, (0.9, 1.7)  # m about a stem's axis, and heights, that are scanned
+WIDE, SEEN = 0.4, np.array([0.9, 1.7])  # m about a stem's axis, and heights, that are scanned
 LOW_BOLE = 2.0  # m, of boles that are looked at no higher
 FEWEST_POINTS = 12  # points of a circle
 TALL, RINGS, TAPER = (
@@ -301,7 +301,7 @@ def scan_plot(stems: np.ndarray, seed: int, bark: bool = True) -> ScannedStems:
     """Scan the stems (N, 3) of a plot, x, y and diameter, m, from a tripod at its origin."""
     meshes = [bole(d, seed + k, bark, LOW_BOLE) for k, d in enumerate(stems[:, 2])]
     tape = np.array([by_tape(section(mesh, BREAST + 1e-4)) for mesh in meshes])
-    clouds = _clouds(meshes, stems[:, :2], seed)
+    clouds = _clouds(TRIPOD, meshes, stems[:, :2], (WIDE, SEEN, WIDE), seed)
     slices = [sections_of(points, EYE, STEP) for points in clouds]
     taper = taper_of(slices)
     return ScannedStems(
@@ -318,15 +318,27 @@ def _circle_at_breast(points: np.ndarray) -> float:
     return by_circle(cut)[1] if len(cut) >= FEWEST_POINTS else np.nan
 
 
-def _clouds(meshes: list[TriMesh], place: np.ndarray, seed: int) -> list[np.ndarray]:
-    """(P, 3) points of each bole; each is looked at where it stands, what is before it hides it."""
+def _clouds(
+    tripod: Terrestrial,
+    meshes: list[TriMesh],
+    place: np.ndarray,
+    seen: tuple[float, np.ndarray, float],
+    seed: int,
+) -> list[np.ndarray]:
+    """(P, 3) points of each bole; each is looked at where it stands, what is before it hides it.
+
+    seen : metres about its axis and heights (2,), m, that are scanned, and how much nearer than its axis a
+    bole may be, m.
+    """
     caster, found = make_caster(scene_of(meshes, turned(place, np.zeros(len(meshes)))), Rays()), []
-    for k, (x, y) in enumerate(place.tolist()):
-        away, turn = float(np.hypot(x, y)), float(np.degrees(np.arctan2(y, x)))
-        half = float(np.degrees(np.arcsin(min(WIDE / away, 0.9))))
-        low, high = np.degrees(np.arctan2(np.array(SEEN) - EYE, away - WIDE))
-        narrow = TRIPOD.changed(
-            azimuth_deg=(turn - half, turn + half), elevation_deg=(float(low), float(high))
+    wide, heights, nearer = seen
+    for k, (dx, dy) in enumerate((place - tripod.position[:2]).tolist()):
+        away, turn = np.hypot(dx, dy), np.degrees(np.arctan2(dy, dx))
+        half = np.degrees(np.arcsin(min(wide / away, 0.9)))
+        low, high = np.degrees(np.arctan2(heights - tripod.position[2], away - nearer))
+        narrow = tripod.changed(
+            azimuth_deg=(float(turn - half), float(turn + half)),
+            elevation_deg=(float(low), float(high)),
         )
         cloud = scan(narrow, caster, seed + k)
         found.append(cloud.position[cloud.returns.tree == k])
@@ -440,24 +452,10 @@ def stems_of_plot(seed: int, bark: bool = True, noise: Noise = JOINED) -> np.nda
     stems = pine_stems(seed)
     stems = stems[((stems[:, :2] > 0) & (stems[:, :2] < SIDE)).all(axis=1)]
     meshes = [bole(d, seed * 1000 + k, bark, LOWEST) for k, d in enumerate(stems[:, 2])]
-    caster, place = (
-        make_caster(scene_of(meshes, turned(stems[:, :2], np.zeros(len(meshes)))), Rays()),
-        [],
-    )
+    seen, place = (ROUND, np.array([LOW - 0.1, HIGH + 0.1]), 0.0), []
     for number, (x, y) in enumerate(STATIONS):
-        for k, (dx, dy) in enumerate((stems[:, :2] - [x, y]).tolist()):
-            away, turn = np.hypot(dx, dy), np.degrees(np.arctan2(dy, dx))
-            half = np.degrees(np.arcsin(min(ROUND / away, 0.9)))
-            low, high = np.degrees(np.arctan2(np.array([LOW - 0.1, HIGH + 0.1]) - 1.6, away))
-            tripod = SCANNER.changed(
-                position=(x, y, 1.6),
-                azimuth_deg=(float(turn - half), float(turn + half)),
-                elevation_deg=(float(low), float(high)),
-                angle_step_deg=STEP_DEG,
-                noise=noise,
-            )
-            cloud = scan(tripod, caster, seed + 100 * number + k)
-            place.append(cloud.position[cloud.returns.tree == k])
+        tripod = SCANNER.changed(position=(x, y, 1.6), angle_step_deg=STEP_DEG, noise=noise)
+        place += _clouds(tripod, meshes, stems[:, :2], seen, seed + 100 * number)
     points = np.concatenate(place)
     return stems_of(points, points[:, 2])
 
