@@ -70,11 +70,18 @@ def _figure(value: float) -> str:
 
 
 def measured(section: str, name: str) -> Told:
-    """Measure one row in a process of its own."""
+    """Measure one row in a process of its own.
+
+    Raises
+    ------
+    OSError : it ended without a figure; its words stand above.
+    """
     environment = environment_of_child(OMP_NUM_THREADS="1")
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # compiled once, as where it is installed
     command = [sys.executable, "-m", __name__, section, name]
-    ended = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment)
+    ended = subprocess.run(command, stdout=subprocess.PIPE, text=True, env=environment)
+    if ended.returncode:
+        raise OSError(f'bench {section}, "{name}" ended with {ended.returncode}; why stands above')
     return json.loads(ended.stdout.splitlines()[-1])
 
 
