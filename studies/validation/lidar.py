@@ -453,12 +453,12 @@ ours: its sectors of 10 degrees vary by 3.6 to 4.9 mm, ours by 2.5 to 3.2.
 
 **Chablais 3** is what `lidar --like` writes from the cloud and its table, flown as it was, with the light
 of the instrument that made it, a RIEGL LMS-Q560. Rows agree within 5 points, 0.5 m, or 0.2 of the overlap;
-they are of one seed (1), the command flies four. Trees of other species than spruce, fir and beech stand as
-beeches; trees below 7.5 cm are in no table. Of the cloud itself two things of the receiver are read: its
-threshold, 0.17 at 1,500 m, from its faintest echoes, and its pulse. Gaps between echoes of a pulse in the
-canopy are 1.2 times as long as with the 4 ns that are sent: 1, 5, 25 and 50 % are below 0.68, 0.86, 1.31
-and 1.89 m in the cloud's line at 500 m, below 0.52, 0.70, 1.09 and 1.60 m with 4 ns. With 4.9 ns, which are
-taken for the pulse as received, they are 0.65, 0.86, 1.30 and 1.86 m.
+they are of two seeds (1 and 2), the command flies four. Trees of other species than spruce, fir and beech
+stand as beeches; trees below 7.5 cm are in no table. Of the cloud itself two things of the receiver are
+read: its threshold, 0.17 at 1,500 m, from its faintest echoes, and its pulse. Gaps between echoes of a
+pulse in the canopy are 1.2 times as long as with the 4 ns that are sent: 1, 5, 25 and 50 % are below 0.68,
+0.86, 1.31 and 1.89 m in the cloud's line at 500 m, below 0.52, 0.70, 1.09 and 1.60 m with 4 ns. With 4.9
+ns, which are taken for the pulse as received, they are 0.65, 0.86, 1.30 and 1.86 m.
 
 What passes and what splits have different causes. They were told apart in the line at 500 m (seed 1, before
 the changes that are named), light by what the ground returns alone.
