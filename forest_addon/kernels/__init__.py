@@ -60,6 +60,9 @@ class CastScene(ctypes.Structure):
         ("high", _point),
         ("centre", _point),
         ("slack", ctypes.c_double),
+        ("steps", ctypes.c_int64),
+        ("pieces", ctypes.c_int64),
+        ("piece", ctypes.c_void_p),
         ("transform", ctypes.c_void_p),
         ("first", ctypes.c_void_p),
         ("triangle", ctypes.c_void_p),
@@ -74,7 +77,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "kernels_sources": ([], _text),
     "cast_rays": (
         [
-            *(ctypes.POINTER(CastScene), _count, _doubles, _doubles, _doubles, _doubles),
+            *(ctypes.POINTER(CastScene), _count, _doubles, _doubles, _doubles, _doubles, _doubles),
             *(_int64s, _int64s, _doubles, _int64s, _int64s, _doubles),
         ],
         None,

@@ -1,6 +1,6 @@
 /* Rays at a scene: into its box, one by one through Embree, and in float64 at what each met.
  *
- * A hit is a function of its ray alone. Embree's packets are not: beside other rays a ray that meets an edge
+ * A hit is a function of its ray and its time alone. Embree's packets are not: beside other rays a ray that meets an edge
  * finds another face, and its coherent packets lose hits on flat boxes close before them.
  */
 #include <math.h>
@@ -30,6 +30,8 @@ struct ray { /* on its way */
     double near, far;
     int64_t left_instance, left_triangle;
     int64_t instance, triangle;
+    double knot;
+    double place[12]; /* of what it met */
 };
 
 /* Unit vector along a direction; 0 where that is zero or not finite. */
@@ -53,7 +55,7 @@ static int normalise(const double *direction, double *way)
 /* Metres along a ray to the plane of a triangle, kept within those of its corners; and its unit normal. */
 static double meet(const struct cast_scene *scene, const struct ray *ray, double *normal)
 {
-    const double *place = scene->transform + 12 * ray->instance;
+    const double *place = ray->place;
     const int32_t *row = scene->triangle + 3 * (scene->first[ray->instance] + ray->triangle);
     double corner[3][3], u[3], v[3], foot[3], n[3];
     double at, second, third, distance, length;
@@ -85,6 +87,25 @@ static double meet(const struct cast_scene *scene, const struct ray *ray, double
     return distance;
 }
 
+/* Writes which instance was met, and where that is at the ray's time. */
+static void find(const struct cast_scene *scene, struct ray *ray, const struct ray_hit *sent)
+{
+    const double *from, *to;
+    int64_t step;
+    ray->triangle = sent->triangle;
+    if (scene->steps == 0) {
+        ray->instance = sent->instance;
+        memcpy(ray->place, scene->transform + 12 * ray->instance, sizeof ray->place);
+        return;
+    }
+    ray->instance = scene->piece[sent->of_array];
+    step = (int64_t)larger(0.0, smaller(ray->knot, (double)(scene->steps - 2)));
+    from = scene->transform + 12 * (step * scene->pieces + sent->of_array);
+    to = from + 12 * scene->pieces;
+    for (int k = 0; k < 12; k++)
+        ray->place[k] = from[k] + (ray->knot - (double)step) * (to[k] - from[k]);
+}
+
 /* Sends a ray into the scene from a distance on; 0 where it meets nothing. */
 static int trace(const struct cast_scene *scene, struct ray *ray, double begin, struct ray_hit *sent)
 {
@@ -104,12 +125,14 @@ static int trace(const struct cast_scene *scene, struct ray *ray, double begin, 
     }
     reach = (ray->far - begin) * (1.0 + 1e-6) + scene->slack;
     sent->near = 0.0f;
+    sent->time = scene->steps ? (float)(ray->knot / (double)(scene->steps - 1)) : 0.0f;
     sent->far = (float)smaller(reach, FAR);
     sent->mask = sent->geometry = sent->instance = NONE;
     scene->intersect(scene->tree, sent, NULL);
-    ray->instance = sent->instance;
-    ray->triangle = sent->triangle;
-    return sent->instance != NONE;
+    if (sent->geometry == NONE)
+        return 0;
+    find(scene, ray, sent);
+    return 1;
 }
 
 static int counts(const struct ray *ray, double distance)
@@ -120,7 +143,7 @@ static int counts(const struct ray *ray, double distance)
 }
 
 void cast_rays(const struct cast_scene *scene, int64_t count, const double *origin,
-               const double *direction, const double *near, const double *far,
+               const double *direction, const double *near, const double *far, const double *knot,
                const int64_t *left_instance, const int64_t *left_triangle, double *distance,
                int64_t *instance, int64_t *triangle, double *normal)
 {
@@ -134,6 +157,7 @@ void cast_rays(const struct cast_scene *scene, int64_t count, const double *orig
         ray.origin = origin + 3 * i;
         ray.near = near[i];
         ray.far = far[i];
+        ray.knot = knot[i];
         ray.left_instance = left_instance[i];
         ray.left_triangle = left_triangle[i];
         start = ray.left_instance < 0 ? ray.near - MARGIN : ray.near;

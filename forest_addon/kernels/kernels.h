@@ -48,7 +48,10 @@ struct cast_scene {
     double low[3], high[3];   /* a box around all, larger by slack */
     double centre[3];
     double slack;             /* metres by which float32 may be wrong */
-    const double *transform;  /* (I, 3, 4) local to world */
+    int64_t steps;            /* 0 where instances stand; else they are an array of Embree's, whose places go */
+    int64_t pieces;           /* straight between so many knots, and these are its size and */
+    const int64_t *piece;     /* (pieces) the instances */
+    const double *transform;  /* (I, 3, 4) local to world; of an array (steps, pieces, 3, 4) */
     const int64_t *first;     /* (I) row of triangle where the instance's mesh begins */
     const int32_t *triangle;  /* (T, 3) rows of the vertices */
     const float *single;      /* (V, 3) vertices where float32 holds them exactly; else NULL, and */
@@ -57,13 +60,14 @@ struct cast_scene {
 
 /* Finds the closest hit of each ray, as RayCaster in forest_addon/sensing/rays/caster.py promises it.
  *
- * origin, direction: (count, 3). near, far: (count) metres. left_instance, left_triangle: (count) what a ray
+ * origin, direction: (count, 3). near, far: (count) metres. knot: (count) a ray's time, from 0 to steps - 1.
+ * left_instance, left_triangle: (count) what a ray
  * leaves, -1 nothing. Written are distance (count) metres, infinite for a miss; instance and triangle (count),
  * -1 for a miss; normal (count, 3), unit vectors in the world, NaN for a miss. A hit depends on its ray
- * alone, not on those beside it.
+ * and its time alone, not on those beside it.
  */
 KERNEL void cast_rays(const struct cast_scene *scene, int64_t count, const double *origin,
-                      const double *direction, const double *near, const double *far,
+                      const double *direction, const double *near, const double *far, const double *knot,
                       const int64_t *left_instance, const int64_t *left_triangle, double *distance,
                       int64_t *instance, int64_t *triangle, double *normal);
 

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..base.rows import distinct, lengths
+from ..base.rows import distinct
 from ..base.runs import numbered
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
@@ -25,7 +25,7 @@ from .rays.paths import SceneMotion, ShapePath, corners_at_rest
 
 KNOTS = 32  # a second
 SPAN = 4  # knots of a window, for which pieces are placed together
-RUN, WIDER = 8, 2.0  # rays of a run, and metres that they may be apart
+EPOCH = 16  # windows, in which a tree does not leave a box
 AROUND = 0.1  # metres about a bundle of rays, whose pieces are placed with those in it
 KEPT = 256  # trees by windows, whose pieces are kept in place
 WINDOWS = 4  # that are kept: rays that go on ask again for those of their batch
@@ -128,14 +128,10 @@ class MovingScene:
             transform[rows] = self.motion.table.at(row, time[rows])
         rows = np.flatnonzero(instance >= self.count)
         if len(rows):
-            transform[rows] = self._swayed(instance[rows] - self.count, time[rows])[0]
+            transform[rows] = self.pieces.at(instance[rows] - self.count, time[rows] + self.start)[
+                0
+            ]
         return transform
-
-    def _swayed(self, piece: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(R, 3, 4) local to world of pieces at times, s, and its rate, 1/s."""
-        inner, rate = self.pieces.at(piece, (time + self.start) * KNOTS)
-        stands = self.scene.transform[self.count + piece]
-        return joined(stands, inner), stands[:, :, :3] @ rate
 
     def corners(self, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray) -> np.ndarray:
         """(R, 3, 3) corners in the world of triangles of instances (R,) at times (R,), s."""
@@ -167,7 +163,8 @@ class MovingScene:
             if not len(rows):
                 continue
             if rows is sways:
-                at, rate = self._swayed(instance[rows] - self.count, time[rows])
+                piece = instance[rows] - self.count
+                at, rate = self.pieces.at(piece, time[rows] + self.start)
             else:
                 table = self.motion.table
                 at, rate = table.at(row, time[rows]), table.rate(row, time[rows])
@@ -257,43 +254,17 @@ class MovingScene:
         sound: np.ndarray,
     ) -> Iterator[tuple[np.ndarray, PieceWindow]]:
         """Rows of rays (R, 3), (R, 3) between limits that may meet trees which sway, and the window of time
-        and pieces that holds all that they may meet; sound : the rows that are asked for.
-
-        Rays that follow one another are neighbours most often: one of a run stands for all, with what is
-        around it as far as the others are off.
-        """
+        and pieces that holds all that they may meet; sound : the rows that are asked for."""
         if not len(self.pieces.owner):
             return
-        block = np.floor(((time + self.start) * KNOTS) / SPAN).astype(np.int64)
-        hull = self.pieces.hull
-        enters, leaves = clip(*hull, origins.T, ways.T, begin, limit)
+        block = np.floor((time + self.start) * KNOTS / SPAN).astype(np.int64)
+        enters, leaves = clip(*self.pieces.hull, origins.T, ways.T, begin, limit)
         near = sound[enters[sound] <= leaves[sound]]
-        if not len(near):
-            return
-        first = np.flatnonzero(
-            (np.diff(block[near], prepend=np.iinfo(np.int64).min) != 0)
-            | (np.arange(len(near)) % RUN == 0)
-        )
-        size = np.diff(first, append=len(near))
-        run = np.repeat(np.arange(len(first)), size)
-        chief = near[first + size // 2]
-        apart = lengths(origins[near] - origins[chief][run])
-        apart += leaves[near] * lengths(ways[near] - ways[chief][run])
-        apart = np.maximum.reduceat(apart, first)
-        since = np.minimum.reduceat(enters[near], first)
-        until = np.maximum.reduceat(leaves[near], first)
-        alone = near[(apart > WIDER)[run]]
-        some = np.flatnonzero(apart <= WIDER)
-        asked = np.concatenate([chief[some], alone])
-        since = np.concatenate([since[some], enters[alone]])[:, None]
-        until = np.concatenate([until[some], leaves[alone]])[:, None]
-        about = np.concatenate([apart[some], np.zeros(len(alone))])
-        for number in distinct(block[asked]).tolist():
+        for number in distinct(block[near]).tolist():
             rows = near[block[near] == number]
-            chosen = np.flatnonzero(block[asked] == number)
-            start, way = origins[asked[chosen]], ways[asked[chosen]]
-            ends = start + since[chosen] * way, start + until[chosen] * way
-            window = self.pieces.window(number, extents(*ends, about[chosen]))
+            start, way = origins[rows], ways[rows]
+            ends = start + enters[rows, None] * way, start + leaves[rows, None] * way
+            window = self.pieces.window(number, extents(*ends))
             if len(window.piece):
                 yield rows, window
 
@@ -312,11 +283,12 @@ class PieceWindow:
         """(R,) knots of the window, and shares between them, at times (R,), s."""
         return (time + start) * KNOTS - self.first
 
-    def at(self, row: np.ndarray, knot: np.ndarray) -> np.ndarray:
-        """(R, 3, 4) local to world of pieces by their rows (R,) at knots (R,)."""
+    def at(self, row: np.ndarray, knot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3, 4) local to world of pieces by their rows (R,) at knots (R,), and its rate, 1/s."""
         step = np.clip(knot.astype(np.int64), 0, len(self.places) - 2)
-        low, high = self.places[step, row], self.places[step + 1, row]
-        return np.asarray(low + (knot - step)[:, None, None] * (high - low))
+        low = self.places[step, row]
+        change = self.places[step + 1, row] - low
+        return low + (knot - step)[:, None, None] * change, KNOTS * change
 
 
 class CutTrees:
@@ -367,8 +339,8 @@ class CutTrees:
         self._join_seams()
         self._placed: dict[tuple[int, int], np.ndarray] = {}
         self._windows: dict[int, tuple[np.ndarray, PieceWindow]] = {}
-        cuts = np.flatnonzero(np.diff(self.owner)) + 1
-        self._trees = np.split(np.arange(len(cuts_of_trees)), cuts) if cuts_of_trees else []
+        self._trees = self._by_tree(np.arange(len(cuts_of_trees)))
+        self._bounds_in: dict[tuple[int, int], np.ndarray] = {}
         ends = np.array([self._bounds(rows) for rows in self._trees]).reshape(-1, 2, 3)
         self._ever = ends[:, 0], ends[:, 1]
         self.hull = ends[:, 0].min(0, initial=np.inf), ends[:, 1].max(0, initial=-np.inf)
@@ -377,25 +349,29 @@ class CutTrees:
         """(R,) triangles of the meshes of whole trees, of triangles of pieces."""
         return np.asarray(self._whole[self._first[self.mesh[piece]] + triangle])
 
-    def at(self, piece: np.ndarray, knot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(R, 3, 4) maps of pieces (R,) from rest in their tree's frame at knots (R,), and its rate, 1/s."""
+    def at(self, piece: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3, 4) local to world of pieces (R,) at times (R,), s, and its rate, 1/s."""
         at, rate = np.empty((len(piece), 3, 4)), np.empty((len(piece), 3, 4))
+        knot = time * KNOTS
         block = np.floor(knot / SPAN).astype(np.int64)
-        owner = self.owner[piece]
-        order = np.lexsort((block, owner))
-        cuts = np.diff(owner[order], prepend=-1) != 0
-        cuts |= np.diff(block[order], prepend=np.iinfo(np.int64).min) != 0
-        for rows in np.split(order, np.flatnonzero(cuts)[1:]):
-            if len(rows):
-                number = int(block[rows[0]])
-                places = self._places(int(self._tree[piece[rows[0]]]), number)
-                step = np.clip((knot[rows] - number * SPAN).astype(np.int64), 0, SPAN - 1)
-                share = (knot[rows] - number * SPAN - step)[:, None, None]
-                which = self._piece[piece[rows]]
-                low = places[step, which]
-                change = places[step + 1, which] - low
-                at[rows], rate[rows] = low + share * change, KNOTS * change
+        for number in distinct(block).tolist():
+            rows = np.flatnonzero(block == number)
+            own, row = np.unique(piece[rows], return_inverse=True)
+            window = PieceWindow(number * SPAN, own, self._placed_in(own, number), self.boxes[:0])
+            at[rows], rate[rows] = window.at(row, knot[rows] - window.first)
         return at, rate
+
+    def _by_tree(self, piece: np.ndarray) -> list[np.ndarray]:
+        """Pieces (P,), ascending, tree by tree."""
+        cuts = np.flatnonzero(np.diff(self.owner[piece])) + 1
+        return np.split(piece, cuts) if len(piece) else []
+
+    def _placed_in(self, piece: np.ndarray, block: int) -> np.ndarray:
+        """(SPAN + 1, P, 3, 4) local to world of pieces (P,), ascending, at the knots of a block."""
+        inner = [np.empty((SPAN + 1, 0, 3, 4))]
+        for rows in self._by_tree(piece):
+            inner.append(self._places(int(self._tree[rows[0]]), block)[:, self._piece[rows]])
+        return joined(self._stands[piece], np.concatenate(inner, axis=1))
 
     def window(self, block: int, bundle: np.ndarray) -> PieceWindow:
         """The pieces that come into a bundle (2, D) in a block of time, and maybe some around it; of the
@@ -406,23 +382,15 @@ class CutTrees:
                 return window
             bundle = np.stack([np.minimum(bundle[0], room[0]), np.maximum(bundle[1], room[1])])
         bundle = bundle + np.array([[-AROUND], [AROUND]])  # for rays to come
-        pieces, places = [np.empty(0, np.int64)], [np.empty((SPAN + 1, 0, 3, 4))]
-        boxes = [np.empty((2, 0, 3))]
-        for tree in np.flatnonzero(within(*self._ever, bundle)).tolist():
-            rows = self._trees[tree]
-            local = self._places(int(self._tree[rows[0]]), block)[:, self._piece[rows]]
-            stands = self._stands[rows[0]]
-            low, high = swept(self.boxes[self.mesh[rows]], local)
-            middle = (low + high) / 2 @ stands[:, :3].T + stands[:, 3]
-            half = (high - low) / 2 @ np.abs(stands[:, :3]).T
-            near = np.flatnonzero(within(middle - half, middle + half, bundle))
-            boxes.append(np.stack([middle - half, middle + half])[:, near])
-            pieces.append(rows[near])
-            places.append(joined(stands[None], local[:, near]))
-        low, high = np.concatenate(boxes, axis=1)
-        box = np.stack([low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)])
-        there = np.concatenate(pieces), np.concatenate(places, axis=1)
-        window = PieceWindow(block * SPAN, *there, box)
+        trees = np.flatnonzero(within(*self._ever, bundle))
+        ends = np.array([self._bounds_of(tree, block // EPOCH) for tree in trees.tolist()])
+        trees = trees[within(*ends.reshape(-1, 2, 3).swapaxes(0, 1), bundle)]
+        piece = np.concatenate([np.empty(0, np.int64), *(self._trees[n] for n in trees)])
+        places = self._placed_in(piece, block)
+        low, high = swept(self.boxes[self.mesh[piece]], places)
+        near = np.flatnonzero(within(low, high, bundle))
+        box = np.stack([low[near].min(0, initial=np.inf), high[near].max(0, initial=-np.inf)])
+        window = PieceWindow(block * SPAN, piece[near], places[:, near], box)
         self._windows.pop(block, None)
         while len(self._windows) >= WINDOWS:
             self._windows.pop(next(iter(self._windows)))
@@ -438,19 +406,29 @@ class CutTrees:
             self._placed[key] = self._sway.places(tree, block * SPAN + np.arange(SPAN + 1))
         return self._placed[key]
 
-    def _bounds(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest corner (3,) in the world that a tree, of pieces (G,), never leaves."""
+    def _bounds_of(self, tree: int, epoch: int) -> np.ndarray:
+        """(2, 3) corners in the world that a tree of those that sway does not leave in an epoch; kept."""
+        key = tree, epoch
+        if key not in self._bounds_in:
+            while len(self._bounds_in) >= max(KEPT, 2 * len(self._trees)):
+                self._bounds_in.pop(next(iter(self._bounds_in)))
+            knot = (epoch * EPOCH * SPAN) + np.arange(EPOCH * SPAN + 1)
+            self._bounds_in[key] = self._bounds(self._trees[tree], knot)
+        return self._bounds_in[key]
+
+    def _bounds(self, rows: np.ndarray, knot: np.ndarray | None = None) -> np.ndarray:
+        """(2, 3) corners in the world that a tree, of pieces (G,), does not leave from knot to knot; left out:
+        ever."""
         stands, boxes = self._stands[rows[0]], self.boxes[self.mesh[rows]]
         # A piece without triangles has the corner of another: it adds nothing.
         rest = np.repeat(boxes[:1, :1], 2, axis=1).repeat(int(self._piece[rows].max()) + 1, axis=0)
         rest[self._piece[rows]] = boxes
-        most = self._sway.most(int(self._tree[rows[0]]), rest[:, 0], rest[:, 1])
+        most = self._sway.most(int(self._tree[rows[0]]), rest[:, 0], rest[:, 1], knot)
         low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         centre = stands[:, :3] @ ((low + high) / 2) + stands[:, 3]
-        out = (
-            np.abs(stands[:, :3]) @ ((high - low) / 2) + np.linalg.norm(stands[:, :3], ord=2) * most
-        )
-        return centre - out, centre + out
+        out = np.abs(stands[:, :3]) @ ((high - low) / 2)
+        out += np.linalg.norm(stands[:, :3], ord=2) * most
+        return np.stack([centre - out, centre + out])
 
     def _join_seams(self) -> None:
         """List the copies of each triangle, which pieces at a seam share.

@@ -95,7 +95,11 @@ class MovingCaster:
         far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(origins))
         time = np.asarray(time, dtype=np.float64)
         hits = self.search.cast(origins, ways, far, time=time, min_distance=near, leaving=leaving)
-        return replace(hits, normal=self.moving.normals(hits, time))
+        told = hits.normal
+        rows = np.flatnonzero(hits.found & np.isnan(told[:, 0]))
+        if len(rows):
+            told[rows] = self.moving.normals(hits.select(rows), time[rows])
+        return hits
 
     def meets(
         self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray

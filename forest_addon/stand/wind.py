@@ -248,7 +248,17 @@ class SwayResponse:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Amplitudes (N, M) at times (N,), and their rates, by the whole sum. turn : (N, K) of the waves."""
         turn = np.exp(1j * time[:, None] * self.rate) if turn is None else turn
-        return self.mean + (turn @ self.waves.T).real, (turn @ (1j * self.rate * self.waves).T).real
+        return self.turned(turn), _real_sum(turn, 1j * self.rate * self.waves)
+
+    def turned(self, turn: np.ndarray) -> np.ndarray:
+        """Amplitudes (N, M) when waves have turned (N, K)."""
+        return self.mean + _real_sum(turn, self.waves)
+
+
+def _real_sum(turn: np.ndarray, waves: np.ndarray) -> np.ndarray:
+    """(N, M) real part of the sum over waves (M, K) that have turned (N, K)."""
+    against = np.ascontiguousarray(waves.conj())
+    return np.ascontiguousarray(turn).view(np.float64) @ against.view(np.float64).T
 
 
 def response_of(
@@ -505,16 +515,21 @@ class ForestSway:
 
     def amplitudes(self, tree: int, knot: np.ndarray) -> np.ndarray:
         """(K, M) amplitudes of a tree's modes at knots (K,), over the tree's size."""
-        return self._swayed(tree, np.asarray(knot) / KNOTS)[0]
+        response, scale = _sure(self.response(tree)), float(self._forest.stand.scale[tree])
+        return response.turned(self._turn(response, np.asarray(knot) / KNOTS)) / scale
 
     def _swayed(self, tree: int, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N, M) amplitudes of a tree's modes at times (N,), over the tree's size, and their rates."""
         response, scale = _sure(self.response(tree)), float(self._forest.stand.scale[tree])
-        if not np.array_equal(time, self._moments):  # the same for all trees of a moment
+        amplitude, rate = response.exact(time, self._turn(response, time))
+        return amplitude / scale, rate / scale
+
+    def _turn(self, response: SwayResponse, time: np.ndarray) -> np.ndarray:
+        """(N, K) how waves have turned at times (N,); kept, since it is the same for all trees of a moment."""
+        if not np.array_equal(time, self._moments):
             self._moments = time.copy()
             self._turned = np.exp(1j * time[:, None] * response.rate)
-        amplitude, rate = response.exact(time, self._turned)
-        return amplitude / scale, rate / scale
+        return self._turned
 
     def rest(self, tree: int) -> TriMesh:
         """The mesh of a tree's variant at rest, in its own frame."""

@@ -50,7 +50,12 @@ class BvhCaster(Search):
         self._boxes = BoxTree(low, high)
 
     def _nearest(
-        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        start: np.ndarray,
+        limit: np.ndarray,
+        time: np.ndarray,
     ) -> Hits:
         """Let rays visit their instances; of what each met, the nearest by its exact distance."""
         ray, box, entry = self._boxes.pairs(origins, directions, start, limit)

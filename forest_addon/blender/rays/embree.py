@@ -127,14 +127,123 @@ FAR = 3e38  # the longest way that float32 holds
 # Python's lock, so that threads work side by side; without that library they go one by one.
 
 
-class EmbreeCaster(Search):
+class EmbreeSearch(Search):
+    """A ``Search`` through one of Embree's scenes, whose instances stand, or go as another class says."""
+
+    engine = "embree"
+    _last = 1  # of a ray's knots, from 0 on
+    _described: CastScene | None = None  # to the kernel; None: numpy computes
+
+    def _bound(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Set the box, from (3,) to (3,), that holds all, and about whose centre Embree has it."""
+        there = bool(np.isfinite(high - low).all())
+        self._centre = (low + high) / 2 if there else np.zeros(3)
+        self._slack = 1e-6 * float((high - low).max()) + 1e-6 if there else 1e-6
+        self._low, self._high = low - self._slack, high + self._slack
+
+    def _describe(self, places: np.ndarray, piece: np.ndarray | None = None) -> None:
+        """Describe the scene to the kernel. places : (I, 3, 4) of instances; of an array of Embree's (K, P, 3,
+        4) at knots, piece : (P,) its instances."""
+        table, point = self._surfaces.table, ctypes.c_double * 3
+        single = table.vertices.dtype == np.float32
+        places = np.ascontiguousarray(places)
+        self._arrays = places, piece  # which the kernel reads where they are
+        self._described = CastScene(
+            tree=self._top,
+            intersect=ctypes.cast(self._library.rtcIntersect1, ctypes.c_void_p),
+            low=point(*self._low),
+            high=point(*self._high),
+            centre=point(*self._centre),
+            slack=self._slack,
+            steps=0 if piece is None else len(places),
+            pieces=0 if piece is None else len(piece),
+            piece=None if piece is None else piece.ctypes.data,
+            transform=places.ctypes.data,
+            first=self._surfaces.first.ctypes.data,
+            triangle=table.triangles.ctypes.data,
+            single=table.vertices.ctypes.data if single else None,
+            exact=None if single else table.vertices.ctypes.data,
+        )
+
+    def _knot(self, time: np.ndarray) -> np.ndarray:
+        """Times (R,), s, from 0 to ``_last``."""
+        return time
+
+    def _found(
+        self, instance: np.ndarray, row: np.ndarray, triangle: np.ndarray, time: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+        """Instances that Embree names by number and row of an array, their places and the corners of their
+        triangles at times; None: as the scene has them."""
+        return instance, None, None
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
+    ) -> Hits:
+        """The closest hit of each ray; see ``RayCaster``."""
+        library, count = kernels.library(), len(origins)
+        if library is None or self._described is None:
+            limits = {"min_distance": min_distance, "leaving": leaving, "time": time}
+            return super().cast(origins, directions, max_distance, **limits)
+        rays = [
+            np.ascontiguousarray(given, np.float64).reshape(count, 3)
+            for given in (origins, directions)
+        ]
+        knot = self._knot(np.full(count, time, np.float64))
+        rays += [np.full(count, limit, np.float64) for limit in (min_distance, max_distance)]
+        nothing = np.full(count, -1)
+        left = [nothing] * 2 if leaving is None else [leaving.instance, leaving.triangle]
+        hits = Hits.misses(count)
+        rays += [knot, *left, *vars(hits).values()]
+
+        def task(part: slice) -> None:
+            columns = [column[part] for column in rays]
+            library.cast_rays(self._described, len(columns[0]), *columns)
+
+        in_tasks(task, count, self.threads)
+        return hits
+
+    def _nearest(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        start: np.ndarray,
+        limit: np.ndarray,
+        time: np.ndarray,
+    ) -> Hits:
+        begin, leaves = clip(self._low, self._high, origins, directions, start, limit)
+        rays = (begin <= leaves).nonzero()[0]
+        origins, directions, begin = origins[:, rays], directions[:, rays], begin[rays]
+        reach = (limit[rays] - begin) * (1 + 1e-6) + self._slack
+        moved = begin * directions + origins - self._centre[:, None]
+        sent = rays_of(moved, directions, reach)
+        sent[:, TIME] = self._knot(time[rays]) / self._last
+        send(self._library, self._top, sent)
+        whole = sent.view(np.uint32)
+        met = np.flatnonzero(whole[:, HIT_GEOMETRY] != NONE)
+        named = whole[met][:, [HIT_INSTANCE, HIT_OF_ARRAY, HIT_PRIMITIVE]].astype(np.int64)
+        triangle = named[:, 2]
+        instance, place, corners = self._found(*named.T, time[rays[met]])
+        distance, normal = self._surfaces.meet(
+            origins[:, met], directions[:, met], instance, triangle, place, corners
+        )
+        hits = Hits.misses(len(start))
+        hits.put(rays[met], Hits(distance, instance, triangle, normal.T))
+        return hits
+
+
+class EmbreeCaster(EmbreeSearch):
     """Closest hits and occlusion through Embree (see ``sensing.rays.RayCaster``).
 
     No ray slips through an edge. Of a million aimed exactly at vertices a few may: the signs of all
     edges that meet there can be rounded alike.
     """
-
-    engine = "embree"
 
     def __init__(
         self, scene: SceneGeometry, threads: int = 1, like: EmbreeCaster | None = None
@@ -154,10 +263,7 @@ class EmbreeCaster(Search):
         low, high = low[known].min(0, initial=np.inf), high[known].max(0, initial=-np.inf)
         if scene.extent is not None:
             low, high = np.minimum(low, scene.extent[0]), np.maximum(high, scene.extent[1])
-        size = float((high - low).max()) if len(known) else 0.0
-        self._centre = (low + high) / 2 if len(known) else np.zeros(3)
-        self._slack = 1e-6 * size + 1e-6
-        self._low, self._high = low - self._slack, high + self._slack
+        self._bound(low, high)
         self._library = load()
         new = self._library.rtcNewDevice
         self._device = like._device if like else new(f"threads={threads}".encode())
@@ -175,73 +281,7 @@ class EmbreeCaster(Search):
             [of_mesh[m] for m in scene.mesh_index[known]],
             place[known, None].astype(np.float32),
         )
-        table, point = scene.table, ctypes.c_double * 3
-        transform, first = np.ascontiguousarray(scene.transform), self._surfaces.first
-        self._arrays = transform, first, table  # which the kernel reads where they are
-        single = table.vertices.dtype == np.float32
-        self._described = CastScene(
-            tree=self._top,
-            intersect=ctypes.cast(self._library.rtcIntersect1, ctypes.c_void_p),
-            low=point(*self._low),
-            high=point(*self._high),
-            centre=point(*self._centre),
-            slack=self._slack,
-            transform=transform.ctypes.data,
-            first=first.ctypes.data,
-            triangle=table.triangles.ctypes.data,
-            single=table.vertices.ctypes.data if single else None,
-            exact=None if single else table.vertices.ctypes.data,
-        )
-
-    def cast(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> Hits:
-        """The closest hit of each ray; see ``RayCaster``."""
-        library = kernels.library()
-        if library is None:
-            limits = {"min_distance": min_distance, "leaving": leaving}
-            return super().cast(origins, directions, max_distance, **limits)
-        count = len(origins)
-        rays = [
-            np.ascontiguousarray(given, np.float64).reshape(count, 3)
-            for given in (origins, directions)
-        ]
-        rays += [np.full(count, limit, np.float64) for limit in (min_distance, max_distance)]
-        nothing = np.full(count, -1)
-        rays += [nothing] * 2 if leaving is None else [leaving.instance, leaving.triangle]
-        hits = Hits.misses(count)
-        rays += vars(hits).values()
-
-        def task(part: slice) -> None:
-            columns = [column[part] for column in rays]
-            library.cast_rays(self._described, len(columns[0]), *columns)
-
-        in_tasks(task, count, self.threads)
-        return hits
-
-    def _nearest(
-        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
-    ) -> Hits:
-        begin, leaves = clip(self._low, self._high, origins, directions, start, limit)
-        rays = (begin <= leaves).nonzero()[0]
-        origins, directions, begin = origins[:, rays], directions[:, rays], begin[rays]
-        reach = (limit[rays] - begin) * (1 + 1e-6) + self._slack
-        moved = begin * directions + origins - self._centre[:, None]
-        sent = rays_of(moved, directions, reach)
-        send(self._library, self._top, sent)
-        met, instance, triangle = met_by(sent)
-        distance, normal = self._surfaces.meet(
-            origins[:, met], directions[:, met], instance, triangle
-        )
-        hits = Hits.misses(len(start))
-        hits.put(rays[met], Hits(distance, instance, triangle, normal.T))
-        return hits
+        self._describe(scene.transform)
 
 
 def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
@@ -263,14 +303,6 @@ def send(
         return
     places = rays.ctypes.data + rays.strides[0] * rows
     deque(map(library.rtcIntersect1, repeat(top), places.tolist(), repeat(None)), maxlen=0)
-
-
-def met_by(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows (M,) of rays that met something, and what: instance (M,), triangle (M,)."""
-    whole = rays.view(np.uint32)
-    met = np.flatnonzero(whole[:, HIT_GEOMETRY] != NONE)
-    named = whole[met][:, [HIT_INSTANCE, HIT_PRIMITIVE]].astype(np.int64)
-    return met, named[:, 0], named[:, 1]
 
 
 class EmbreeBuild:
@@ -356,8 +388,8 @@ class EmbreeBuild:
             self._attach(top, geometry, number)
         return self._commit(top)
 
-    def array(self, scenes: list[int], which: np.ndarray, place: np.ndarray, number: int) -> int:
-        """A scene of one geometry of many instances; a hit names it by the number, the instance by its row.
+    def array(self, scenes: list[int], which: np.ndarray, place: np.ndarray) -> int:
+        """A scene of one geometry of many instances; a hit names the instance by its row.
 
         which : (I,) of the scenes. place : (K, I, 3, 4) float32, at even steps of a ray's time from 0 to 1,
         between which their elements go linearly.
@@ -375,7 +407,7 @@ class EmbreeBuild:
         for step, row in enumerate(place):
             size = row.strides[0]
             share(geometry, TRANSFORM_BUFFER, step, form, row.ctypes.data, 0, size, len(row))
-        self._attach(top, geometry, number)
+        self._attach(top, geometry, 0)
         return self._commit(top)
 
     def _scene(self) -> int:

@@ -170,13 +170,13 @@ class SwayRig:
 
     def places(self, amplitude: np.ndarray) -> np.ndarray:
         """(K, G, 3, 4) maps from rest to where pieces are at amplitudes (K, M) over the tree's scale."""
-        moved = np.einsum("km,gmij->kgij", amplitude, self.maps)
+        moved = self.shifts(amplitude)
         moved[:, :, [0, 1, 2], [0, 1, 2]] += 1.0
         return moved
 
     def shifts(self, amplitude: np.ndarray) -> np.ndarray:
         """(K, G, 3, 4) what is added to places at amplitudes (K, M), or their rates, over the scale."""
-        return np.asarray(np.einsum("km,gmij->kgij", amplitude, self.maps))
+        return np.tensordot(amplitude, self.maps, axes=(1, 1))
 
 
 def rig_of(shape: SwayShape, within: float = WITHIN) -> SwayRig:

@@ -117,14 +117,11 @@ def clip(
     return enters, np.minimum(leaves, limit, out=leaves)
 
 
-def extents(begin: np.ndarray, end: np.ndarray, about: np.ndarray) -> np.ndarray:
-    """(2, D) least and most of straight ways from (R, 3) to (R, 3) along fixed directions.
-
-    about : (R,) metres around each way that count as part of it.
-    """
+def extents(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(2, D) least and most of straight ways from (R, 3) to (R, 3) along fixed directions."""
     ends = [SIDES @ begin.T, SIDES @ end.T]
-    least, most = np.minimum(*ends) - about, np.maximum(*ends) + about
-    return np.stack([least.min(axis=1), most.max(axis=1)])
+    least = np.minimum(*(each.min(axis=1) for each in ends))
+    return np.stack([least, np.maximum(*(each.max(axis=1) for each in ends))])
 
 
 def within(low: np.ndarray, high: np.ndarray, between: np.ndarray) -> np.ndarray:

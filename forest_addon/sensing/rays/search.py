@@ -46,12 +46,17 @@ class Search(RayCaster, ABC):
 
     @abstractmethod
     def _nearest(
-        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        start: np.ndarray,
+        limit: np.ndarray,
+        time: np.ndarray,
     ) -> Hits:
         """The nearest triangle of each ray between ``start`` and ``limit`` (R,), as float32 sees it.
 
         origins, directions : (3, R) float64, each coordinate one contiguous array; finite, unit
-        directions. Distances in the hits are exact and from the origin; they may lie a little outside
+        directions. time : (R,) s, of rays at what moves. Distances in the hits are exact and from the origin; they may lie a little outside
         of the limits.
         """
 
@@ -63,18 +68,19 @@ class Search(RayCaster, ABC):
         *,
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
-        """The closest hit of each ray; see ``RayCaster``."""
+        """The closest hit of each ray; see ``RayCaster``. time : (R,) s, where the scene moves."""
         origins, directions = np.asarray(origins), np.asarray(directions)
         count = len(origins)
-        near, far = (
-            np.full(count, limit, dtype=np.float64) for limit in (min_distance, max_distance)
+        near, far, when = (
+            np.full(count, given, dtype=np.float64) for given in (min_distance, max_distance, time)
         )
         hits = Hits.misses(count)
         left = Hits.misses(count) if leaving is None else leaving
 
         def task(part: slice) -> None:
-            given = origins[part], directions[part], near[part], far[part]
+            given = origins[part], directions[part], near[part], far[part], when[part]
             hits.put(part, self._cast(*given, left.select(part)))
 
         in_tasks(task, count, self.threads, self.task)
@@ -86,16 +92,17 @@ class Search(RayCaster, ABC):
         directions: np.ndarray,
         near: np.ndarray,
         far: np.ndarray,
+        time: np.ndarray,
         left: Hits,
     ) -> Hits:
         """One task."""
         from_, ways = np.array(origins.T, dtype=np.float64, order="C"), unit_columns(directions.T)
         sound = np.flatnonzero(np.isfinite(from_.sum(axis=0) + ways.sum(axis=0)) & (near <= far))
-        from_, ways, near, far = _taken(sound, from_, ways, near, far)
+        from_, ways, near, far, time = _taken(sound, from_, ways, near, far, time)
 
         def nearest(rays: np.ndarray, start: np.ndarray) -> Hits:
-            begin, way, limit = _taken(rays, from_, ways, far)
-            return self._nearest(begin, way, start, limit)
+            begin, way, limit, when = _taken(rays, from_, ways, far, time)
+            return self._nearest(begin, way, start, limit, when)
 
         hits = Hits.misses(len(origins))
         hits.put(sound, search_on(nearest, near, far, left.select(sound)))

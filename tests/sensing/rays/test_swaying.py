@@ -236,12 +236,12 @@ def test_no_bundle_passes_by_a_box_that_its_ways_meet():
     middle = begin + share * (end - begin)
     low, high = middle - rng.uniform(0, 2, (300, 3)), middle + rng.uniform(0, 2, (300, 3))
     for row in range(300):
-        alone = extents(begin[[row]], end[[row]], np.zeros(1))
+        alone = extents(begin[[row]], end[[row]])
         assert within(low[[row]] - 1e-9, high[[row]] + 1e-9, alone).all()
     beside = low + 0.5, high + 0.5  # half a metre off along each axis, 0.87 m in all
-    near = extents(begin, end, np.full(300, 0.9))
+    near = extents(begin, end) + np.array([[-0.9], [0.9]])
     assert within(*beside, near).all()
-    far = extents(begin[:1], end[:1], np.zeros(1))
+    far = extents(begin[:1], end[:1])
     assert not within(middle[:1] + 40, middle[:1] + 41, far).any()
 
 
