@@ -384,7 +384,8 @@ class CutTrees:
         bundle = bundle + np.array([[-AROUND], [AROUND]])  # for rays to come
         trees = np.flatnonzero(within(*self._ever, bundle))
         ends = np.array([self._bounds_of(tree, block // EPOCH) for tree in trees.tolist()])
-        trees = trees[within(*ends.reshape(-1, 2, 3).swapaxes(0, 1), bundle)]
+        ends = ends.reshape(-1, 2, 3)
+        trees = trees[within(ends[:, 0], ends[:, 1], bundle)]
         piece = np.concatenate([np.empty(0, np.int64), *(self._trees[n] for n in trees)])
         places = self._placed_in(piece, block)
         low, high = swept(self.boxes[self.mesh[piece]], places)
@@ -417,8 +418,8 @@ class CutTrees:
         return self._bounds_in[key]
 
     def _bounds(self, rows: np.ndarray, knot: np.ndarray | None = None) -> np.ndarray:
-        """(2, 3) corners in the world that a tree, of pieces (G,), does not leave from knot to knot; left out:
-        ever."""
+        """(2, 3) corners in the world that a tree, of pieces (G,), does not leave between knots (K,); left
+        out: ever."""
         stands, boxes = self._stands[rows[0]], self.boxes[self.mesh[rows]]
         # A piece without triangles has the corner of another: it adds nothing.
         rest = np.repeat(boxes[:1, :1], 2, axis=1).repeat(int(self._piece[rows].max()) + 1, axis=0)

@@ -95,10 +95,9 @@ class MovingCaster:
         far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(origins))
         time = np.asarray(time, dtype=np.float64)
         hits = self.search.cast(origins, ways, far, time=time, min_distance=near, leaving=leaving)
-        told = hits.normal
-        rows = np.flatnonzero(hits.found & np.isnan(told[:, 0]))
-        if len(rows):
-            told[rows] = self.moving.normals(hits.select(rows), time[rows])
+        assert hits.normal is not None
+        rows = np.flatnonzero(hits.found & np.isnan(hits.normal[:, 0]))  # of which none is told
+        hits.normal[rows] = self.moving.normals(hits.select(rows), time[rows])
         return hits
 
     def meets(

@@ -525,7 +525,7 @@ class ForestSway:
         return amplitude / scale, rate / scale
 
     def _turn(self, response: SwayResponse, time: np.ndarray) -> np.ndarray:
-        """(N, K) how waves have turned at times (N,); kept, since it is the same for all trees of a moment."""
+        """(N, K) turns of waves at times (N,); kept, since they are those of all trees of a moment."""
         if not np.array_equal(time, self._moments):
             self._moments = time.copy()
             self._turned = np.exp(1j * time[:, None] * response.rate)

@@ -142,8 +142,8 @@ class EmbreeSearch(Search):
         self._low, self._high = low - self._slack, high + self._slack
 
     def _describe(self, places: np.ndarray, piece: np.ndarray | None = None) -> None:
-        """Describe the scene to the kernel. places : (I, 3, 4) of instances; of an array of Embree's (K, P, 3,
-        4) at knots, piece : (P,) its instances."""
+        """Describe the scene to the kernel. places : (I, 3, 4) of instances; of an array of Embree's
+        (K, P, 3, 4) at knots. piece : (P,) the instances of that."""
         table, point = self._surfaces.table, ctypes.c_double * 3
         single = table.vertices.dtype == np.float32
         places = np.ascontiguousarray(places)

@@ -56,8 +56,8 @@ class Search(RayCaster, ABC):
         """The nearest triangle of each ray between ``start`` and ``limit`` (R,), as float32 sees it.
 
         origins, directions : (3, R) float64, each coordinate one contiguous array; finite, unit
-        directions. time : (R,) s, of rays at what moves. Distances in the hits are exact and from the origin; they may lie a little outside
-        of the limits.
+        directions. time : (R,) s, which counts where the scene moves. Distances in the hits are exact and
+        from the origin; they may lie a little outside of the limits.
         """
 
     def cast(
