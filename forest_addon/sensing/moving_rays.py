@@ -51,7 +51,7 @@ class MotionSearch(Protocol):
         min_distance: np.ndarray,
         leaving: Hits | None = None,
     ) -> Hits:
-        """The closest hits of rays (R, 3), (R, 3) unit, within limits (R,), at times (R,), s."""
+        """The closest hits of rays (R, 3), (R, 3) within limits (R,), at times (R,), s."""
         ...
 
 
@@ -90,11 +90,12 @@ class MovingCaster:
     ) -> Hits:
         """The closest hit of each ray at its time (R,), s; the rest as ``RayCaster.cast``."""
         origins = np.asarray(origins, dtype=np.float64)
-        ways = unit_columns(np.asarray(directions).T).T
         near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), len(origins))
         far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(origins))
         time = np.asarray(time, dtype=np.float64)
-        hits = self.search.cast(origins, ways, far, time=time, min_distance=near, leaving=leaving)
+        hits = self.search.cast(
+            origins, directions, far, time=time, min_distance=near, leaving=leaving
+        )
         assert hits.normal is not None
         rows = np.flatnonzero(hits.found & np.isnan(hits.normal[:, 0]))  # of which none is told
         hits.normal[rows] = self.moving.normals(hits.select(rows), time[rows])
@@ -157,6 +158,7 @@ class PartByPart:
         best = self._still.cast(
             origins, directions, max_distance, min_distance=min_distance, leaving=leaving
         )
+        directions = unit_columns(np.asarray(directions).T).T
         near = np.maximum(min_distance, 0.0)
         far = np.fmin(max_distance, best.distance)
         sound = np.isfinite(origins.sum(axis=1) + directions.sum(axis=1)) & (near <= far)

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from ...base.trimesh import TriMesh
 from ...sensing.moving import MovingScene, PieceWindow
 from ...sensing.rays.boxes import clip
-from ...sensing.rays.caster import Hits
+from ...sensing.rays.caster import Hits, unit_columns
 from ...sensing.rays.exact import meet, put_nearest
 from ...sensing.rays.paths import RigidPath, corners_at_rest
 from ...sensing.rays.search import whole_triangles
@@ -116,8 +116,9 @@ class EmbreeMotion:
         )
         far = np.fmin(max_distance, hits.distance)
         begin = np.maximum(min_distance, 0.0)
-        sound = np.isfinite(origins.sum(axis=1) + directions.sum(axis=1)) & (begin <= far)
-        rays = origins, directions, begin, far, time, np.flatnonzero(sound)
+        ways = unit_columns(np.asarray(directions).T).T
+        sound = np.isfinite(origins.sum(axis=1) + ways.sum(axis=1)) & (begin <= far)
+        rays = origins, ways, begin, far, time, np.flatnonzero(sound)
         for rows, search in self._searches(*rays):
             met = search.cast(
                 origins[rows],
@@ -327,7 +328,8 @@ class SwayingPieces(EmbreeSearch):
         at = self._window.at(place, self._knot(when[of]))[0]
         corners = np.einsum("rij,rkj->rki", at[:, :, :3], own)
         corners += at[:, None, :, 3] - origins[of, None]
-        distance = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(of), 3)), directions[of])
+        ways = unit_columns(directions[of].T).T
+        distance = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(of), 3)), ways)
         # Where none counts, it is met at its rim, in float32 alone.
         near = np.broadcast_to(min_distance, len(hits.distance))[of]
         counts = np.flatnonzero((distance >= near) & np.isfinite(distance))
