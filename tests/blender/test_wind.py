@@ -115,6 +115,35 @@ def test_what_was_met_is_where_the_wind_has_it(windy, result):
     assert not motion["velocity"][ground].any()
 
 
+@pytest.mark.medium
+def test_a_hit_among_swaying_trees_is_a_function_of_its_ray_and_its_time(monkeypatch):
+    """In any order, in batches of any size, in C and in numpy, and what float64 finds."""
+    world = built(WINDY)
+    moving = MovingScene(
+        world.observer.geometry, sway=sway_of(world.forest, WINDY.wind, WINDY.seed)
+    )
+    caster = MovingCaster(moving, ExactCaster, embree_motion)
+    rng, count = np.random.default_rng(9), 6000
+    way = rng.normal((0.0, 0.0, 0.3), 1.0, (count, 3))
+    origin, time = np.tile([0.0, 0.0, 1.5], (count, 1)), np.sort(rng.uniform(0, 0.4, count))
+    whole = caster.cast(origin, way, 60.0, time=time)
+    assert (whole.instance >= moving.count).sum() > 500
+    order = rng.permutation(count)
+    for rows in (*np.array_split(order, 7), np.arange(3000, 3100)):
+        other = caster.cast(origin[rows], way[rows], 60.0, time=time[rows])
+        for ours, theirs in zip(vars(whole).values(), vars(other).values(), strict=True):
+            np.testing.assert_array_equal(ours[rows], theirs)
+    monkeypatch.setenv("FOREST_SENSING_KERNELS", "off")
+    plain = MovingCaster(moving, ExactCaster, embree_motion).cast(origin, way, 60.0, time=time)
+    np.testing.assert_array_equal(plain.instance, whole.instance)
+    np.testing.assert_array_equal(plain.triangle, whole.triangle)
+    np.testing.assert_allclose(plain.distance, whole.distance, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(plain.normal, whole.normal, rtol=0, atol=1e-9)
+    judged = caster.judged().cast(origin, way, 60.0, time=time)
+    np.testing.assert_array_equal(judged.instance, whole.instance)
+    np.testing.assert_array_equal(judged.triangle, whole.triangle)
+
+
 def test_programs_are_told_how_points_of_trees_move(windy):
     """Wood against its members' own motion, velocities against differences; leaves flutter besides."""
     sway = sway_of(windy.forest, WINDY.wind, WINDY.seed)
@@ -364,34 +393,6 @@ def test_engines_meet_pieces_that_sway_where_they_are():
         assert np.array_equal(judged.instance, found.instance)
         behind = caster.cast(origin, way, time=time, min_distance=found.distance, leaving=found)
         assert (behind.distance >= found.distance).all()
-
-
-@pytest.mark.medium
-def test_a_hit_among_swaying_trees_is_a_function_of_its_ray_and_its_time(windy, monkeypatch):
-    """In any order, in batches of any size, in C and in numpy, and what float64 finds."""
-    moving = MovingScene(
-        windy.observer.geometry, sway=sway_of(windy.forest, WINDY.wind, WINDY.seed)
-    )
-    caster = MovingCaster(moving, ExactCaster, embree_motion)
-    rng, count = np.random.default_rng(9), 6000
-    way = rng.normal((0.0, 0.0, 0.3), 1.0, (count, 3))
-    origin, time = np.tile([0.0, 0.0, 1.5], (count, 1)), np.sort(rng.uniform(0, 0.4, count))
-    whole = caster.cast(origin, way, 60.0, time=time)
-    assert (whole.instance >= moving.count).sum() > 500
-    order = rng.permutation(count)
-    for rows in (*np.array_split(order, 7), np.arange(3000, 3100)):
-        other = caster.cast(origin[rows], way[rows], 60.0, time=time[rows])
-        for ours, theirs in zip(vars(whole).values(), vars(other).values(), strict=True):
-            np.testing.assert_array_equal(ours[rows], theirs)
-    monkeypatch.setenv("FOREST_SENSING_KERNELS", "off")
-    plain = MovingCaster(moving, ExactCaster, embree_motion).cast(origin, way, 60.0, time=time)
-    np.testing.assert_array_equal(plain.instance, whole.instance)
-    np.testing.assert_array_equal(plain.triangle, whole.triangle)
-    np.testing.assert_allclose(plain.distance, whole.distance, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(plain.normal, whole.normal, rtol=0, atol=1e-9)
-    judged = caster.judged().cast(origin, way, 60.0, time=time)
-    np.testing.assert_array_equal(judged.instance, whole.instance)
-    np.testing.assert_array_equal(judged.triangle, whole.triangle)
 
 
 @pytest.mark.medium
