@@ -219,7 +219,7 @@ class EmbreeMotion:
         return self._trees[index]
 
     def _window(self, block: int, stretch: int) -> KeyedParts:
-        """What moves by keys in a block of samples and is there in a stretch between breaks."""
+        """Search among what moves by keys in a block of samples, in a stretch between breaks."""
         with self._lock:
             key = block, stretch
             if key not in self._windows:
