@@ -103,8 +103,7 @@ def system_of(
     try:
         if not crs and keys.get(MODEL) == IN_DEGREES:
             raise SpecError("crs", "it is in degrees; project it to metres")
-        size = keys.get(UNIT_SIZE)
-        flat, up = metres_of(crs, unit_named(keys.get(UNIT), 1.0) if size is None else size)
+        flat, up = metres_of(crs, keys.get(UNIT_SIZE) or unit_named(keys.get(UNIT), 1.0))
         with suppress(SpecError):  # some give a datum for the system of heights
             if code and not told and keys.get(HEIGHT) in CODES:
                 flat, up = metres_of(f"{crs}+{keys[HEIGHT]}", flat)

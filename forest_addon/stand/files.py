@@ -27,7 +27,7 @@ from ..formats.crs import same_place, short, wkt_of
 from ..formats.foreign import guarded
 from ..formats.helios.parts import read_obj
 from ..formats.ply import read_surface
-from ..formats.raster_file import GeoRaster, linear_between, read_raster
+from ..formats.raster_file import HIGHEST, GeoRaster, linear_between, read_raster
 from ..formats.stl import read_stl
 from ..formats.table import LENGTHS
 from ..formats.tree_map import NUMBERS, TreeMap, read_tree_map
@@ -114,13 +114,12 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
                     f"{why}; a median of {typical:.3g} "
                     f"{' or '.join(fit)} would make sense: say the unit in the header, as {key}_{fit[0]}",
                 )
-    base = np.flatnonzero(
+    for row in np.flatnonzero(
         trees.numbers[:, NUMBERS.index("crown_base")] >= trees.numbers[:, NUMBERS.index("height")]
-    )
-    if len(base):
+    ):
         raise SpecError(
             str(path),
-            f"row {trees.line[base[0]]}: the crown begins above the top of the tree; correct crown_base or "
+            f"row {trees.line[row]}: the crown begins above the top of the tree; correct crown_base or "
             "height",
         )
     dbh, height = trees.numbers[:, 2:4][trees.numbers[:, 2] >= THIN].T
@@ -312,6 +311,12 @@ def _on_map_or_not(vertices: np.ndarray, scene: spec.Scene, file: str) -> tuple[
     """Corners (V, 3) of a surface in the scene, and what they were read as: the scene's own metres if they
     lie about the middle of the field, else the map's, less the scene's offset."""
     middle = np.array(scene.forest.origin) + np.array(scene.forest.size) / 2
+    if np.abs(vertices[:, 2]).max() > HIGHEST:
+        raise SpecError(
+            "forest.terrain.file",
+            f"{file} has heights of {vertices[:, 2].min():,.7g} to {vertices[:, 2].max():,.7g} m; export it "
+            "in metres",
+        )
     for shift, words in (((0, 0, 0), "the scene's own"), (scene.offset, "map")):
         low, high = (vertices - shift).min(axis=0)[:2], (vertices - shift).max(axis=0)[:2]
         if ((low <= middle) & (high >= middle)).all():

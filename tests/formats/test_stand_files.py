@@ -132,6 +132,14 @@ def test_a_surface_of_triangles_is_ground(tmp_path):
     )
 
 
+def test_a_surface_in_centimetres_is_refused(tmp_path):
+    corners = np.array([[0, 0, 10_000], [3000, 0, 10_100], [3000, 3000, 10_200]], dtype=float)
+    write_stl(tmp_path / "cm.stl", corners[None])
+    scene = Scene(forest=Forest(terrain=Terrain(file="cm.stl")))
+    with pytest.raises(SpecError, match="heights of 10,000 to 10,200 m; export it in metres"):
+        read_inputs(scene, tmp_path)
+
+
 @pytest.mark.parametrize("name", ["no.png", "no.stl", "bad.stl", "nan.npy"])
 def test_a_terrain_that_cannot_be_used_is_refused(tmp_path, name):
     (tmp_path / "bad.stl").write_text("nothing")
