@@ -41,6 +41,7 @@ INSIDE = {
     "rays_of": "forest_addon.blender.rays.embree:rays_of",
     "send": "forest_addon.blender.rays.embree:send",
     "KERNELS_SWITCH": "forest_addon.kernels:SWITCH",
+    "kernel_engine": "forest_addon.kernels:engine",
     "embree_motion": "forest_addon.blender.rays.embree_motion:embree_motion",
     "build_scene": "forest_addon.blender.scene.forest:build",
     "ground_mesh": "forest_addon.blender.scene.meshes:ground_mesh",

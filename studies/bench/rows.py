@@ -20,7 +20,13 @@ from importlib import import_module
 from statistics import median
 from typing import Any
 
-from ..inside import KERNELS_SWITCH, Say, environment_of_child, peak_memory_mb
+from ..inside import (
+    KERNELS_SWITCH,
+    Say,
+    environment_of_child,
+    kernel_engine,
+    peak_memory_mb,
+)
 from ..tables import say_row, table, timed
 
 RUNS, LONG = 3, 3.0  # calls by each way; CPU seconds of a call from which on it is not repeated
@@ -49,6 +55,8 @@ Told = dict[str, Any]  # of a row: CPU seconds, errors in words, MB
 
 def say_rows(say: Say, section: str, names: Iterable[str]) -> dict[str, Told]:
     """Print the table of some rows of a section, one by one; what each took by its name."""
+    if kernel_engine() != "C":
+        say(f"Both ways are computed by {kernel_engine()}\n")
     table(say, [*HEAD, *ERRORS], [])
     every = {}
     for name in names:
