@@ -114,7 +114,7 @@ BUDGETS = {
     "headless/dataset": (2519, 15),
     "headless/report": (522, 4),
     "studies": (159, 5),
-    "studies/bench": (1517, 17),
+    "studies/bench": (1519, 17),
     "studies/flight": (549, 7),
     "studies/papers": (356, 3),
     "studies/sim_to_real": (910, 5),
