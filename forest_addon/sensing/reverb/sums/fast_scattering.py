@@ -64,6 +64,7 @@ FEW_RADII = 4
 KEPT_LAYERS, KEPT_AIRS, KEPT_GAINS = 24, 16, 64  # of what sums set up, for the next ones
 KEPT_TAILS = 128  # pairs
 THICKEST = 0.6  # m of radius
+ALL_ALIKE = 0.2  # of the tolerance, where few trunks are summed and loud ones as all others
 FINEST_FILTERS = (
     1e-5,
     1e-4,
@@ -149,9 +150,11 @@ class Expansions:
         speed, bark = air.speed(), losses.bark if losses else 0.0
         bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
         gain = self._gain(losses and losses.unthinned, rate, tolerance)
-        loud = np.zeros(len(paths.length), bool)
+        aim, loud = tolerance, np.zeros(len(paths.length), bool)
         if gain is not None:
             loud = loud_trunks(paths, rate, count, loss_at, speed)
+        elif len(loud) <= MOST:
+            aim = ALL_ALIKE * tolerance
         total = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance, bands)
         # by angle: then those of a box (``panel_sum``) lie together in memory
         rest = paths.select(~loud)
@@ -182,7 +185,7 @@ class Expansions:
                         highest + 1,
                         loss_at,
                         speed,
-                        tolerance,
+                        aim,
                         gain,
                         bark,
                         lowest,
