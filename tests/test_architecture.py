@@ -104,7 +104,7 @@ BUDGETS = {
     "forest_addon/growth": (7952, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1202, 17),
-    "forest_addon/sensing": (12600, 92),
+    "forest_addon/sensing": (12603, 92),
     "forest_addon/spec": (1321, 11),
     "forest_addon/stand": (3568, 15),
     "forest_addon/ui": (5459, 38),
