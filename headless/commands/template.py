@@ -71,7 +71,7 @@ def make_template(
 
     if siblings and not 3 <= siblings <= 1000:
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
-    claim(*(out / file for file in ("recognised.png", "siblings.png")))
+    claim(*(out / file for file in ("recognised.png", "siblings.png")[: 1 + bool(siblings)]))
     try:
         brought = replace(brought, groups=_groups(brought.wood, brought.leaves))
         for file in filter(None, (brought.wood, brought.leaves)):
