@@ -64,7 +64,7 @@ FEW_RADII = 4
 KEPT_LAYERS, KEPT_AIRS, KEPT_GAINS = 24, 16, 64  # of what sums set up, for the next ones
 KEPT_TAILS = 128  # pairs
 THICKEST = 0.6  # m of radius
-ALL_ALIKE = 0.2  # of the tolerance, where few trunks are summed and loud ones as all others
+ALL_ALIKE = 0.05  # of the tolerance, where few trunks are summed and loud ones as all others
 FINEST_FILTERS = (
     1e-5,
     1e-4,
