@@ -181,7 +181,9 @@ def claim_scene(root: Path, number: int) -> None:
     SpecError : what is there in its place is the user's.
     """
     folder, note = root / SCENES / scene_name(number), _note(root, number)
-    claim(folder, ours=is_ours(folder))
+    whole = not folder.is_dir() or folder.is_symlink()
+    for path in [folder] if whole else sorted(folder.iterdir()):
+        claim(path, ours=is_ours(folder))
     claim(note, ours="status" in read_status(root, number))
 
 
