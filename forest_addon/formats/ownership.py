@@ -63,7 +63,7 @@ class Keeper:
 
         Raises
         ------
-        SpecError : it is read, or is not ours and there is no force.
+        SpecError : it is read, is a folder, or is not ours and there is no force.
         """
         place = _place(path)
         if place in self.written or not os.path.lexists(place):
@@ -71,6 +71,8 @@ class Keeper:
         self.refuse_read(path)
         if ours or self._is_ours(place):
             return
+        if place.is_dir() and not place.is_symlink():
+            raise _refusal(str(path), "is a folder; choose another --out, or move it away")
         if not self._force:
             raise _refusal(str(path), f"is not what Forest Sensing wrote there; {self._advice}")
         self._say(f"--force: {path} is replaced")

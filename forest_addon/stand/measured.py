@@ -140,7 +140,8 @@ def with_targets(
     rotation[off > 0] = azimuth_of(lean[off > 0])
     for rows, free in _free(wanted, groups, 1):
         place = stand.position[rows, :2] + lean[rows] * wanted[rows, 2:3] / 2
-        wanted[rows, 2] = filled(place, *wanted[rows, 1:3].T, free)
+        height, width = wanted[rows, 1:3].T
+        wanted[rows, 2] = filled(place, height, width, free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)
