@@ -12,10 +12,9 @@ Trunks of many radii are summed by panels of frequency (``panel_sum``), where no
 
 Trunks that are heard above all others of a record, and those that nothing of it would miss.
 
-A fast sum's error of a trunk is a share of that trunk's sound, and stays near it unless the ground and other
-losses of its path bend in frequency. With them, near trunks, or all early ones where much is lost on the way,
-are many times as loud as what their errors reach: they are summed one by one. Far ones, at frequencies that
-are lost on the way, are not heard at all.
+A fast sum's error of a trunk is a share of that trunk's sound, and is spread over the whole record. Near
+trunks, or all early ones where much is lost on the way, are many times as loud as the record's faint end:
+they are summed one by one. Far ones, at frequencies that are lost on the way, are not heard at all.
 Energies are those of trunks that stand at random, w²·a·min(ka, 1)³·e^{-2b(f)x}.
 
 Contract of the tolerance of a sum over trunks, in one place: for users, the audit and the tests.
@@ -64,7 +63,6 @@ FEW_RADII = 4
 KEPT_LAYERS, KEPT_AIRS, KEPT_GAINS = 24, 16, 64  # of what sums set up, for the next ones
 KEPT_TAILS = 128  # pairs
 THICKEST = 0.6  # m of radius
-ALL_ALIKE = 0.05  # of the tolerance, where few trunks are summed and loud ones as all others
 FINEST_FILTERS = (
     1e-5,
     1e-4,
@@ -146,19 +144,15 @@ class Expansions:
         loss_at: Loss,
         progress: Progress | None,
     ) -> FastSum:
-        """Sum by panels of frequency, but for loud trunks with a gain, which are summed exactly."""
+        """Sum by panels of frequency, but for loud trunks, which are summed exactly."""
         speed, bark = air.speed(), losses.bark if losses else 0.0
         bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
-        gain = self._gain(losses and losses.unthinned, rate, tolerance)
-        aim, loud = tolerance, np.zeros(len(paths.length), bool)
-        if gain is not None:
-            loud = loud_trunks(paths, rate, count, loss_at, speed)
-        elif len(loud) <= MOST:
-            aim = ALL_ALIKE * tolerance
+        loud = loud_trunks(paths, rate, count, loss_at, speed)
         total = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance, bands)
         # by angle: then those of a box (``panel_sum``) lie together in memory
         rest = paths.select(~loud)
         rest = rest.select(np.argsort(rest.angle))
+        gain = self._gain(losses and losses.unthinned, rate, tolerance)
         errors: dict[float, float] = {}
         whole = whole_energy(_classes(paths), loss_at, speed)
         done = 0
@@ -185,7 +179,7 @@ class Expansions:
                         highest + 1,
                         loss_at,
                         speed,
-                        aim,
+                        tolerance,
                         gain,
                         bark,
                         lowest,

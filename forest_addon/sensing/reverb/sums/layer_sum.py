@@ -6,9 +6,10 @@ g ≈ Σ_q G_q(f)·T_q(x) (``path_gain``), so that
 
     Σ_m w_m·e^{-ikx_m}·H·g ≈ Σ_rq U_r·G_q·Σ_m w_m·V_r·T_q·e^{-ikx_m}.
 
-Trunks are laid down on an even grid as pulses of these heights, one transform for each product r, q that
-the tolerance needs. Few trunks without a gain are heard one by one, as samples: no grid over the whole record
-is transformed.
+Many trunks are laid down on an even grid as pulses of these heights, one transform for each product r, q that
+the tolerance needs. Where few trunks meet many products, as near by, each trunk's own spectrum,
+(Σ_r U_r·V_r)·(Σ_q G_q·T_q), is turned to its time, which costs R + Q products for R·Q transforms. Few trunks
+without a gain are heard one by one, as samples: no grid over the whole record is transformed.
 
 H of trunks of one radius as a short sum of products: H(f, φ) ≈ Σ_r U_r(f)·V_r(cos φ) in each sector of φ.
 
@@ -37,6 +38,7 @@ from scipy import fft, linalg
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, transfer
 from ....acoustics.gridding import OVERSAMPLING, grid_of, kernel, lay, width_for
+from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
 from ..band import SPREAD, roll_off
 from ..forest.losses import Losses
@@ -46,6 +48,7 @@ from .scattering import TrunkPaths
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
+SPECTRA_AT_ONCE = 1 << 19  # values of spectra of single trunks
 SAMPLES_AT_ONCE = 1 << 16  # of single trunks
 MOST_KEPT = 1 << 27  # bytes of filters that a layer keeps as spectra
 SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
@@ -59,6 +62,10 @@ DELAYS = 6  # of them that a term needs, in the mean
 FAINT = 1e-4  # of the tolerance: where trunks' own samples begin and end
 # ns a value: of a trunk's own samples, a product in it; of a point of a term's grid
 SAMPLE, SAMPLE_PRODUCT, POINT = 1.0, 0.03, 20.0
+# ns a value: of a trunk's own spectrum, a product in it; of a product on the grid; and a sector's on top
+OWN, OWN_PRODUCT, GRIDDED, GRID = 12.0, 0.25, 8.0, 5e5
+
+Heights = Callable[[slice], np.ndarray]  # of some trunks, (N, K)
 
 
 class LayerSum:
@@ -121,7 +128,12 @@ class LayerSum:
             shares = sector.shares(cosine) * paths.weight[:, None]
             start, part = self._one_by_one(number, place, shares, size)
             return base - sector.lead + start, part
-        spectrum = self._gridded(number, paths, cosine, place, size)
+        filters, _ = self._filter_spectra(number, size)
+
+        def heights(rows: slice) -> np.ndarray:
+            return np.asarray(sector.shares(cosine[rows]) * paths.weight[rows, None])
+
+        spectrum = self._gridded(place, heights, filters, size)
         return base - sector.lead, fft.irfft(spectrum.astype(np.complex128), size)
 
     def _one_by_one(
@@ -173,9 +185,18 @@ class LayerSum:
         place, base, size = self._placed(paths.length, zone.rise, math.ceil(RINGING * self.rate))
         total = np.zeros(size // 2 + 1, np.complex128)
         for number, rows in _groups(sector_of):
-            some = paths.select(rows), cosine[rows], place[rows]
-            total += self._gridded(number, *some, size, gain, zone)
+            some, turned = paths.select(rows), cosine[rows]
+            if self._few(len(rows), self.layer.sector(number).terms, len(zone.nodes), size):
+                total += self._own_spectra(number, some, turned, place[rows], size, gain, zone)
+            else:
+                total += self._products(number, some, turned, place[rows], size, gain, zone)
         return base - self.layer.lead, fft.irfft(total, size)
+
+    @staticmethod
+    def _few(trunks: int, terms: int, nodes: int, size: int) -> bool:
+        """Return whether trunks' own spectra cost less than transforms of products."""
+        own = trunks * (OWN + OWN_PRODUCT * (terms + nodes))
+        return own < GRIDDED * 0.6 * terms * nodes + GRID / size
 
     def _placed(self, length: np.ndarray, rise: float, beside: int) -> tuple[np.ndarray, int, int]:
         """Samples (N,) of paths from a first one on, that one, and the length of a transform for them."""
@@ -191,27 +212,72 @@ class LayerSum:
         size = 2 * fft.next_fast_len(-(-span // coarse) * coarse // 2 + 1, real=True)
         return place, base, size
 
-    def _gridded(
+    def _own_spectra(
         self,
         number: int,
         paths: TrunkPaths,
         cosine: np.ndarray,
         place: np.ndarray,
         size: int,
-        gain: PathGain | None = None,
-        zone: Zone | None = None,
+        gain: PathGain,
+        zone: Zone,
     ) -> np.ndarray:
-        """(size // 2 + 1,) spectrum of a sector's trunks at ``place`` (N,); in a zone of a gain, with it."""
+        """(size // 2 + 1,) sum of spectra that are made trunk by trunk."""
+        filters, gains = self._factors(number, size, gain, zone)  # (F, R), (F, Q)
+        lowest = size // 2 + 1 - len(filters)
+        shares = self.layer.sector(number).shares(cosine) * paths.weight[:, None]
+        shares = shares.astype(self.dtype)
+        basis = zone.polynomials(paths.length).astype(self.dtype)
+        total = np.zeros(size // 2 + 1, np.complex128)
+        several = max(1, SPECTRA_AT_ONCE // len(filters))
+        for start in range(0, len(place), several):
+            some = slice(start, start + several)
+            each = filters @ shares[some].T  # (F, N)
+            each *= gains @ basis[some].T
+            each *= delay_factors(lowest / size, 1.0 / size, len(filters), place[some])
+            total[lowest:] += each.sum(axis=1, dtype=np.complex128)
+        return total
+
+    def _factors(
+        self, number: int, size: int, gain: PathGain, zone: Zone
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(F, R) and (F, Q) spectra of a sector's filters and a zone's gain, at frequencies of the layer."""
+        key = "own", number, size, gain.losses, zone.low, zone.rise
+        if key not in self._spectra:
+            lowest = math.floor(self.layer.lowest * size / self.rate)
+            spectra = fft.rfft(self._filters_of(number), size, axis=1)[:, lowest:]
+            frequency = np.arange(lowest, size // 2 + 1) * (self.rate / size)
+            gains = gain.filters(zone, frequency)
+            factors = spectra.T.astype(self.complex), gains.T.astype(self.complex)
+            self._keep(key, *factors)
+            return factors
+        return self._spectra[key]
+
+    def _products(
+        self,
+        number: int,
+        paths: TrunkPaths,
+        cosine: np.ndarray,
+        place: np.ndarray,
+        size: int,
+        gain: PathGain,
+        zone: Zone,
+    ) -> np.ndarray:
+        """(size // 2 + 1,) spectrum by products of a sector's terms and a zone's."""
+        sector = self.layer.sector(number)
         filters, kept = self._filter_spectra(number, size, gain, zone)
+        first, second = np.divmod(kept, len(zone.nodes))
 
         def heights(rows: slice) -> np.ndarray:
-            """(N, K) of some trunks."""
-            shares = self.layer.sector(number).shares(cosine[rows]) * paths.weight[rows, None]
-            if zone is None:
-                return np.asarray(shares)
-            first, second = np.divmod(kept, len(zone.nodes))
+            shares = sector.shares(cosine[rows]) * paths.weight[rows, None]
             return np.asarray(shares[:, first] * zone.polynomials(paths.length[rows])[:, second])
 
+        return self._gridded(place, heights, filters, size)
+
+    def _gridded(
+        self, place: np.ndarray, heights: Heights, filters: np.ndarray, size: int
+    ) -> np.ndarray:
+        """(size // 2 + 1,) Σ of filters (K, size // 2 + 1) times the transforms of pulses of K heights."""
         total = np.zeros(size // 2 + 1, filters.dtype)
         fine = place * OVERSAMPLING
         several = max(4, GRID_AT_ONCE // (size * OVERSAMPLING))

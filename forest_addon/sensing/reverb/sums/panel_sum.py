@@ -56,9 +56,8 @@ FIRST, GROWTH, WIDEST = (
 MOST_NODES, TRIED_NODES = 40, 64  # of a panel; at which its series is looked at
 TRIED_ANGLES = 96  # of the table, at most
 FARTHER = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # shares of the trunks, at which the air is looked at
-FEW = 1000  # trunks, of which all share panels
 FEW_BINS = 6  # of a panel that needs no interpolation
-SHARE, EVERYWHERE = 0.5, 0.02  # of the tolerance, for amplitudes, and for what transforms spread
+SHARE = 0.5  # of the tolerance, for each approximation
 TRUNKS_AT_ONCE = 8192
 PROBES = 24  # trunks whose heights are checked in each panel
 
@@ -96,8 +95,7 @@ def _of_like_radius(radius: np.ndarray) -> Iterator[np.ndarray]:
     """Rows of trunks that share panels, the thickest first; those of no width scatter nothing."""
     left = np.flatnonzero(radius > 0)
     while len(left):
-        few = len(left) < FEW
-        alike = few | (radius[left] >= radius[left].max() / RATIO)
+        alike = radius[left] >= radius[left].max() / RATIO
         yield left[alike]
         left = left[~alike]
 
@@ -135,7 +133,7 @@ class _Group:
         self.gain, self.bark = gain, bark
         # errors of loud trunks are spread over the record: its faint end feels them first
         self.allowed = SHARE * tolerance * min(1.0, tolerance / 1e-4) ** 0.25
-        self.kernel = width_for(EVERYWHERE * tolerance)
+        self.kernel = width_for(SHARE * tolerance)
         self.thickest = float(paths.radius.max())
         self.farther = np.quantile(paths.length, FARTHER)
         self.loudness = np.square(paths.weight * paths.radius**2)
@@ -159,22 +157,18 @@ class _Group:
         """Add these trunks' sound in the panels where it is heard."""
         of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
         last, first, end, checks = len(spectrum) - 1, lowest, FIRST, []
-        widest = last  # bins
         while end < of_bin * first:
             end = min(GROWTH * end, end + WIDEST)
         while first <= last:
-            stop = min(last, max(first, int(end / of_bin)), first + widest)
+            stop = min(last, max(first, int(end / of_bin)))
             if heard is None or heard(first * self.spacing, stop * self.spacing):
                 panel = _Panel(self, first, stop)
                 while not panel.fits:  # it turns too much for one
                     stop = (first + stop) // 2
-                    widest = stop - first
                     panel = _Panel(self, first, stop)
                 spectrum[first : stop + 1] += panel.spectrum()
                 checks += panel.checks
-            first, widest = stop + 1, 2 * widest
-            while end <= of_bin * first:
-                end = min(GROWTH * end, end + WIDEST)
+            first, end = stop + 1, min(GROWTH * end, end + WIDEST)
         return checks
 
 

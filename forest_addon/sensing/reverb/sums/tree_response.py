@@ -51,7 +51,7 @@ from .scattering import TrunkPaths, direct_sum, trunk_paths
 
 NEAREST = 0.1  # m; a source has an extent: its direct sound is not louder than at this distance
 FEW = 200  # trunks of few different radii that are summed exactly
-FEW_SUMMANDS = 2e6  # trunks of many radii by samples of the response that are summed exactly
+FEW_SUMMANDS = 5e6  # trunks of many radii by samples of the response that are summed exactly
 
 
 @dataclass(frozen=True)
