@@ -92,8 +92,8 @@ def sum_delayed(
 ) -> DelayedSum:
     """Σ_i A_i(f)·e^{-i2πfτ_i} at f = start + (0 … count - 1)·spacing, K = count values.
 
-    amplitude : called as amplitude(frequency (R,) Hz, rows (m,) int64, ascending) for A (R, m), real or
-        complex, of the echoes ``rows`` at any frequencies of the band; maybe more than once for a row.
+    amplitude : called as amplitude(frequency (R,) Hz, rows (m,) int64) for A (R, m), real or complex,
+        of the echoes ``rows`` at any frequencies of the band; may be called more than once for a row.
     delay : (M,) s, finite, of either sign.
     start, spacing : Hz, spacing larger than 0.
     tolerance : largest error of a value, relative to Σ_i max|A_i|; 0: the direct sum.
@@ -145,18 +145,16 @@ def _planned(
 
     alike : how many times their root of the sum of squares errors are together, at most.
     """
-    # Numbers of nodes need no more than single precision, in half the time.
-    reached = np.broadcast_to(np.abs(reach), loud.shape).astype(np.float32)
-    turn = task.octave + math.pi * task.width * reached
+    turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), loud.shape)
     total = float(loud.sum())
     chance = 0.5 / len(loud) + (0.5 / total) * loud  # of being drawn, over how many are
     # By exponent and eight bits of a short float: ten times faster than by the turns, which are alike then.
-    like = (turn.view(np.uint32) >> 15).astype(np.uint16)
+    like = (turn.astype(np.float32).view(np.uint32) >> 15).astype(np.uint16)
     order = np.argsort(like, kind="stable")
     drawn = np.cumsum(chance[order])
     draws = min(SAMPLES + len(loud) // 256, len(loud))
     places = (np.arange(draws) + 0.5) / draws * drawn[-1]
-    some = np.sort(order[np.searchsorted(drawn, places).clip(0, len(loud) - 1)])
+    some = order[np.searchsorted(drawn, places).clip(0, len(loud) - 1)]
     weight = 1.0 / (draws * chance[some])
     dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
     while True:
@@ -167,14 +165,13 @@ def _planned(
         beyond = PEAK * np.sqrt(np.square(terms[3 * dense // 4 :]).sum(axis=0))
         if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= RESOLVED * allowed * size:
             break
-        dense = min(3 * dense // 2, 2 * int(LEVELS[-1]))
+        dense = min(2 * dense, 2 * int(LEVELS[-1]))
     terms = np.append(terms, np.zeros_like(terms[:1]), axis=0)
     # (dense + 1, S) that interpolation between n nodes misses: root of the mean square, and at most.
     # Twice at the ends of the band, where a term and what the nodes take it for are in phase.
     root = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond
     after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * root) + beyond
-    # Every echo may be off by the same.
-    scale = np.log((total / (len(loud) * loud)).astype(np.float32))
+    scale = np.log(total / (len(loud) * loud))  # every echo may be off by the same
     levels = LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS]
     last = len(levels) - (task.count > 2 * dense)  # directly, where that is as cheap as more nodes
 
@@ -210,12 +207,11 @@ def _planned(
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
     """(M,) nodes n for which the series of e^{i·turn·x} has fallen by so much: by n·(α - tanh α) where
     cosh α = n/turn, which is turn·(α·cosh α - sinh α)."""
-    low, high = FALLS[[0, -1]].tolist()
-    fallen = np.log(np.minimum(np.maximum(nepers / turn, low), high))
-    place = (fallen - math.log(low)) * ((len(FALLS) - 1) / math.log(high / low))
+    fallen = np.log(np.minimum(np.maximum(nepers / turn, FALLS[0]), FALLS[-1]))
+    place = (fallen - math.log(FALLS[0])) * ((len(FALLS) - 1) / math.log(FALLS[-1] / FALLS[0]))
     cell = place.astype(np.int64)
     ratio, slope = _ratios()
-    return np.asarray(turn * (ratio.take(cell) + slope.take(cell) * (place - np.floor(place))))
+    return np.asarray(turn * (ratio.take(cell) + slope.take(cell) * (place - cell)))
 
 
 @lru_cache(maxsize=1)
@@ -223,7 +219,7 @@ def _ratios() -> tuple[np.ndarray, np.ndarray]:
     """n/turn at ``FALLS``, and how much it grows to the next."""
     alpha = np.linspace(0.0, 8.0, 4000)
     ratio = np.interp(FALLS, alpha * np.cosh(alpha) - np.sinh(alpha), np.cosh(alpha))
-    return ratio.astype(np.float32), np.diff(ratio, append=ratio[-1]).astype(np.float32)
+    return ratio, np.diff(ratio, append=ratio[-1])
 
 
 def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:

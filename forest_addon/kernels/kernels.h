@@ -107,7 +107,7 @@ KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, co
                       const double *tables, double *values);
 
 /* Multiplies values (nodes, count) complex of rows (count) by their level (all) times e^{sum over d of
- * basis[d, q] term[d, row]}; basis (terms, nodes), term (terms, all), at most 16 terms.
+ * basis[d, q] term[d, row]}; basis (terms, nodes), term (terms, all).
  */
 KERNEL void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all, const double *level,
                          int64_t terms, const double *basis, const double *term, double *values);
@@ -126,9 +126,8 @@ KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const
 
 /* Opens blocks of leaves of one mesh: moves them into the world, bounds how loud each is, and keeps what may be heard.
  *
- * first, last, member (blocks): each block has the places first to last of ``order``, whose rows of centre, normal,
- *     radius, leaf the transform of a member moves. transform (3, 4), which turns, mirrors and scales evenly, scale
- *     and instance are of all members.
+ * first, last, transform (3, 4), scale, instance (blocks): each block has the places first to last of ``order``,
+ *     whose rows of centre, normal, radius, leaf a transform moves that turns, mirrors and scales evenly.
  * ends, place, frame: as of trace_paths. steepness (ends, 2): of the logarithm of the loudest gain in the band over
  *     squared offsets; where one is no number, gains are left out of bounds.
  * told (16): nearest and farthest from the mouth; shortest way back to an ear, longest way in all; nepers a metre
@@ -143,9 +142,9 @@ KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const
  *     rows, for several calls: all that is opened fits in. Leaves that are kept are appended in order; leaves for
  *     which faces stand go, without away, offset and bound, to the end, each before the one before.
  */
-KERNEL void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const int64_t *member,
-                        const double *transform, const double *scale, const int64_t *instance, const int64_t *order,
-                        const double *centre, const double *normal, const double *radius, const int64_t *leaf, int64_t ends,
+KERNEL void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const double *transform,
+                        const double *scale, const int64_t *instance, const int64_t *order, const double *centre,
+                        const double *normal, const double *radius, const int64_t *leaf, int64_t ends,
                         const double *place, const double *frame, const double *steepness, const double *told,
                         int64_t model, int64_t peaks, const double *lobes, int64_t cells, const double *hankel,
                         int64_t margin, int64_t rows, int64_t columns, const float *maxima, int64_t room,

@@ -10,7 +10,6 @@
 #define BLOCK 32                   /* echoes that are computed side by side */
 #define TOGETHER 4 /* complex values of an echo that are laid down at once */
 #define WIDEST 24   /* taps of a kernel, at most */
-#define TERMS 16    /* of the logarithm of a gain, at most */
 
 enum { PAPER, PISTON, EXACT };                    /* models of discs */
 enum { BROKEN, NEAR, FAR, LATE }; /* leaves that are left out */
@@ -163,22 +162,16 @@ void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all
 {
     for (int64_t begin = 0; begin < count; begin += BLOCK) {
         int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
-        double loud[BLOCK], own[TERMS][BLOCK];
-        for (int64_t i = 0; i < some; i++) {
-            loud[i] = level[rows[begin + i]];
-            for (int64_t d = 0; d < terms; d++)
-                own[d][i] = term[d * all + rows[begin + i]];
-        }
         for (int64_t q = 0; q < nodes; q++) {
             double *value = values + 2 * (q * count + begin);
             double exponent[BLOCK] = {0.0};
             for (int64_t d = 0; d < terms; d++)
                 for (int64_t i = 0; i < some; i++)
-                    exponent[i] += basis[d * nodes + q] * own[d][i];
+                    exponent[i] += basis[d * nodes + q] * term[d * all + rows[begin + i]];
             for (int64_t i = 0; i < some; i++)
                 exponent[i] = exponent[i] > -700.0 ? exponent[i] : -700.0;
             for (int64_t i = 0; i < some; i++)
-                exponent[i] = loud[i] * exponential(exponent[i]);
+                exponent[i] = level[rows[begin + i]] * exponential(exponent[i]);
             for (int64_t i = 0; i < some; i++) {
                 value[2 * i] *= exponent[i];
                 value[2 * i + 1] *= exponent[i];
@@ -581,9 +574,9 @@ static inline double paper_bound(const struct bounding *by, const double *turns,
     return radius == 0.0 ? 0.0 : peak * wave;
 }
 
-void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const int64_t *member,
-                 const double *transform, const double *scale, const int64_t *instance, const int64_t *order,
-                 const double *centre, const double *normal, const double *radius, const int64_t *leaf, int64_t ends, const double *place,
+void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const double *transform,
+                 const double *scale, const int64_t *instance, const int64_t *order, const double *centre,
+                 const double *normal, const double *radius, const int64_t *leaf, int64_t ends, const double *place,
                  const double *frame, const double *steepness, const double *told, int64_t model, int64_t peaks,
                  const double *lobes, int64_t cells, const double *hankel, int64_t margin, int64_t rows,
                  int64_t columns, const float *maxima, int64_t room, int64_t *kept, int64_t *tally, double *moved,
@@ -600,10 +593,9 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
     double turns[2] = {0.3999 * pow(by.lowest, -0.9065), 0.3999 * pow(by.highest, -0.9065)};
     for (int64_t b = 0; b < blocks; b++)
         for (int64_t begin = first[b]; begin < last[b]; begin += BLOCK) {
-            const double *t = transform + 12 * member[b];
-            double stretch = scale[member[b]];
+            const double *t = transform + 12 * b;
             int64_t some = last[b] - begin < BLOCK ? last[b] - begin : BLOCK;
-            double shrunk = stretch > 0.0 ? 1.0 / stretch : 1.0;
+            double shrunk = scale[b] > 0.0 ? 1.0 / scale[b] : 1.0;
             double x[BLOCK], y[BLOCK], z[BLOCK], u[BLOCK], v[BLOCK], w[BLOCK], a[BLOCK];
             double distance[BLOCK], sine[BLOCK], angle[BLOCK], strength[BLOCK], held[BLOCK];
             double leg[BLOCK], left[BLOCK], up[BLOCK], sent[BLOCK], gain[BLOCK];
@@ -617,7 +609,7 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
                 u[i] = (t[0] * n[0] + t[1] * n[1] + t[2] * n[2]) * shrunk;
                 v[i] = (t[4] * n[0] + t[5] * n[1] + t[6] * n[2]) * shrunk;
                 w[i] = (t[8] * n[0] + t[9] * n[1] + t[10] * n[2]) * shrunk;
-                a[i] = stretch * radius[order[begin + i]];
+                a[i] = scale[b] * radius[order[begin + i]];
             }
             for (int64_t e = 0; e < ends; e++) {
                 trace(some, x, y, z, place + 3 * e, frame + 9 * e, leg, left, up);
@@ -701,7 +693,7 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
                 number[to] = leaf[order[begin + i]];
                 size[to] = a[i];
                 nearness[to] = held[i];
-                owner[to] = instance[member[b]];
+                owner[to] = instance[b];
             }
             kept[0] = here;
         }

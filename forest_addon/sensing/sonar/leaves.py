@@ -248,8 +248,7 @@ class DiscStrength(Strength):
     def error(self, highest: float) -> np.ndarray | None:
         if self.model != "exact":
             return None
-        size, angle = np.array([highest * self.radius, self.incidence], np.float32)  # far faster
-        return self.radius * table_error(size, angle)
+        return self.radius * table_error(highest * self.radius, self.incidence)
 
 
 @dataclass(frozen=True)
@@ -269,8 +268,9 @@ class LeafEchoes(Scatterers):
         return int(np.count_nonzero(self.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
 
     def count_doubtful(self, point: np.ndarray, wavenumber: float) -> int:
-        large = self.select((wavenumber * self.radius > HANDOVER) & (self.model == "exact"))
-        return int(np.count_nonzero(large.incidence(point) > GRAZING))
+        large = wavenumber * self.radius > HANDOVER
+        grazing = self.incidence(point) > GRAZING
+        return int(np.count_nonzero(large & grazing)) if self.model == "exact" else 0
 
     def seen(self, point: np.ndarray) -> Strength:
         return DiscStrength(self.radius, self.incidence(point), self.nearness, self.model)

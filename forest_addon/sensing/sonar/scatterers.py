@@ -55,7 +55,7 @@ class Strength(RowTable, ABC):
 
     def whole(self) -> StrengthParts:
         """Each as one part."""
-        count = len(self)
+        count = len(self.reach(1.0))
         return StrengthParts(np.arange(count), np.zeros(count), np.ones(count), self)
 
 
@@ -90,6 +90,9 @@ class Scatterers(RowTable, ABC):
     kind: ClassVar[str]
     centre: np.ndarray
     number: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.number)
 
     @property
     def clear(self) -> np.ndarray:

@@ -27,11 +27,11 @@ from ...acoustics.disc_table import HANDOVER, STEPS
 from ...base.rows import RowTable
 from .calls import SAMPLED, Band
 from .leaves import ASIDE, CLOSEST, FAR, LeafEchoes, NearFaces, near_groups
-from .scatterers import Scatterers, Sight
+from .scatterers import Scatterers, Sight, StrengthParts
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
-MANY, FEWER = 512, 4  # scatterers whose Σ|A| is known from so few frequencies
+MANY, FEWER = 512, 7  # scatterers whose Σ|A| is known from so few frequencies
 LOUDEST = 2048  # scatterers whose Σ|A| is the first lower bound
 CAUTION = 0.9  # a mean over few frequencies may be a little too large
 GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
@@ -49,6 +49,9 @@ class SearchGroup(RowTable):
     bound: np.ndarray
     shade: np.ndarray
     motion: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.bound)
 
     @property
     def velocity(self) -> np.ndarray:
@@ -261,61 +264,54 @@ class _Finder:
 
 
 class EarAmplitudes:
-    """Amplitudes A of a group's scatterers at one ear: scattering times what beams, way, air and shade leave.
+    """Amplitudes A of M echoes of a group at one ear: scattering times what beams, way, air and shade leave.
 
-    band : Hz, over which each comes in parts that are smooth; left out: as one part.
+    whole : all of the group, as one part.
     """
 
-    def __init__(
-        self, group: SearchGroup, station: Station, ear: int, band: tuple[float, ...] = ()
-    ) -> None:
+    def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
         self._station, paths = station, group.paths
-        self._beams = station.equipment.emit, station.equipment.hear(ear)
-        leg = paths.leg[:, ear]
-        length = paths.distance + leg
-        both = zip(self._beams, (0, 1 + ear), strict=True)
-        terms = [beam.terms(*paths.offset[:, end].T) for beam, end in both]
-        self._terms = np.concatenate([*terms, -length[None]])
-        self._level = group.shade / (paths.distance * leg)
-        self._strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
-        ends = (2.0 * np.pi * frequency / station.sound_speed for frequency in band)
-        self._parts = self._strength.parts(*ends) if band else self._strength.whole()
-        self.rows = self._parts.rows
-        self.delay = (length[self.rows] + self._parts.offset) / station.sound_speed
-        self.loudness = (group.bound * group.shade)[self.rows] * self._parts.share
+        both, leg = [0, 1 + ear], paths.leg[:, ear]
+        self.length = paths.distance + leg
+        steepness, offset = station.steepness[both], paths.offset[:, both]
+        steady = np.einsum("med,med,ed->m", offset, offset, np.nan_to_num(steepness))
+        self._level = group.shade * np.exp(steady) / (paths.distance * leg)
+        beams = station.equipment.emit, station.equipment.hear(ear)
+        changing = np.flatnonzero(np.isnan(steepness).any(axis=1)).tolist()
+        self._beams = [beams[end] for end in changing]
+        terms = [beams[end].terms(*offset[:, end].T) for end in changing]
+        self._terms = np.concatenate([*terms, -self.length[None]])
+        strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
+        self.whole = strength.whole()
 
     def _basis(self, frequency: np.ndarray) -> np.ndarray:
         beams = [beam.basis(frequency) for beam in self._beams]
         return np.concatenate([*beams, self._station.loss(frequency)[None]])
 
-    def _gain(self, frequency: np.ndarray) -> np.ndarray:
+    def gain(self, frequency: np.ndarray) -> np.ndarray:
         """(Q, M) of all."""
         return np.exp(np.einsum("dq,dm->qm", self._basis(frequency), self._terms)) * self._level
 
-    def of(self, frequency: np.ndarray, some: np.ndarray) -> np.ndarray:
-        """(Q, m) complex A of some parts (m,) at frequencies (Q,)."""
+    def of(self, parts: StrengthParts, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """(Q, m) complex A of some rows of parts at frequencies (Q,)."""
         wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
-        amplitude = self._parts.strength.select(some).amplitude(wavenumber)
-        rows, basis = self.rows.take(some), self._basis(frequency)
+        amplitude = parts.strength.select(rows).amplitude(wavenumber)
+        some = parts.rows.take(rows)
+        basis = self._basis(frequency)
         library = kernels.library()
         if library is None:
-            return amplitude * self._gain(frequency)[:, rows]
+            return amplitude * self.gain(frequency)[:, some]
         given = len(self._level), self._level, *basis.shape[:1], basis, self._terms, amplitude
-        library.weigh_echoes(*amplitude.shape, rows, *given)
+        library.weigh_echoes(*amplitude.shape, some, *given)
         return amplitude
 
-    def error(self, band: tuple[float, float]) -> float:
-        """Sum of what A may be off by because scattering is tabulated, up to the end of a band."""
-        off = self._strength.error(2.0 * np.pi * band[1] / self._station.sound_speed)
-        return 0.0 if off is None else float(self._gain(np.array(band[:1]))[0] @ off)
-
-    def reach(self, band: tuple[float, float]) -> np.ndarray:
+    def reach(self, parts: StrengthParts, band: tuple[float, float]) -> np.ndarray:
         """(m,) s, about how far responses of parts reach, with what their gains change over a band."""
         basis = np.diff(self._basis(np.array(band)), axis=1)[:, 0]
         change = np.einsum("d,dm->m", basis, self._terms)
         width, speed = max(band[1] - band[0], 1e-9), self._station.sound_speed
-        own = self._parts.strength.reach(2.0 * np.pi * band[0] / speed) / speed
-        return np.asarray(own + np.abs(change[self.rows]) / (2.0 * np.pi * width))
+        own = parts.strength.reach(2.0 * np.pi * band[0] / speed) / speed
+        return np.asarray(own + np.abs(change[parts.rows]) / (2.0 * np.pi * width))
 
 
 def mean_amplitude(
@@ -324,7 +320,7 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     heard = EarAmplitudes(group, station, 0)
-    return np.asarray(weight @ np.abs(heard.of(frequency, heard.rows)))
+    return np.asarray(weight @ np.abs(heard.of(heard.whole, frequency, np.arange(len(group)))))
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
@@ -336,4 +332,4 @@ def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
 def _finite(made: Scatterers) -> np.ndarray:
     """(M,) whether every number of each is finite."""
     values = [v for v in vars(made).values() if isinstance(v, np.ndarray) and v.dtype.kind == "f"]
-    return np.isfinite(sum(np.einsum("im->m", np.atleast_2d(v.T)) for v in values))
+    return np.isfinite(sum(v.sum(axis=tuple(range(1, v.ndim))) for v in values))

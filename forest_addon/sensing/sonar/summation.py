@@ -92,53 +92,46 @@ def _over(
     weights: list[np.ndarray] | None,
 ) -> EchoSum:
     """Over a part of the band in which every beam is smooth."""
-    ears, band = len(station.ear), grid.ends
+    total, done = sum(len(group) for group in groups) * len(station.ear), 0
     sums = () if weights is None else (weights[0].shape[1],)
-    spectrum = np.zeros((ears, *sums, grid.count), dtype=np.complex128)
-    bound, table, size = np.zeros((3, ears))
-    smooth = band if tolerance > 0 and band[0] < band[1] else ()
-    for ear in range(ears if groups else 0):
-        heard = [EarAmplitudes(group, station, ear, smooth) for group in groups]
-        first = np.cumsum([0, *(len(one.rows) for one in heard)])
-        delayed = sum_delayed(
-            partial(_together, heard, first),
-            np.concatenate([one.delay for one in heard]),
-            grid.start,
-            grid.spacing,
-            grid.count,
-            tolerance=tolerance,
-            reach=np.concatenate([one.reach(band) for one in heard]),
-            loudness=np.concatenate([one.loudness for one in heard]),
-            weights=_taken(weights, heard),
-            ends=band,
-        )
-        spectrum[ear], size[ear], bound[ear] = delayed.spectrum, delayed.size, delayed.error
-        table[ear] = sum(one.error(band) for one in heard) / (delayed.size or 1.0)
-        if progress:
-            total = sum(map(len, groups))
-            progress((ear + 1) * total, ears * total)
-    return EchoSum(spectrum, float(bound.max()), float(table.max()), size)
-
-
-def _taken(weights: list[np.ndarray] | None, heard: list[EarAmplitudes]) -> np.ndarray | None:
-    """Weights of scatterers by group, as their parts have them one after the other."""
-    if weights is None:
-        return None
-    return np.concatenate([w[one.rows] for w, one in zip(weights, heard, strict=True)])
-
-
-def _together(
-    heard: list[EarAmplitudes], first: np.ndarray, frequency: np.ndarray, rows: np.ndarray
-) -> np.ndarray:
-    """(Q, m) complex A of rows (m,), ascending, of several groups' parts one after the other, each from its
-    first row on."""
-    ends = pairwise(np.searchsorted(rows, first).tolist())
-    some = [
-        one.of(frequency, rows[low:high] - begin)
-        for one, begin, (low, high) in zip(heard, first.tolist(), ends, strict=False)
-        if high > low
-    ]
-    return some[0] if len(some) == 1 else np.concatenate(some, axis=1)
+    spectrum = np.zeros((len(station.ear), *sums, grid.count), dtype=np.complex128)
+    band = grid.ends
+    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in band)
+    error, table, size = np.zeros((3, len(station.ear)))
+    for number, group in enumerate(groups):
+        for ear in range(len(station.ear)):
+            heard = EarAmplitudes(group, station, ear)
+            doubtful = heard.whole.strength.error(highest)
+            if doubtful is not None:
+                table[ear] += float((heard.gain(np.array(band[:1]))[0] * doubtful).sum())
+            loud, parts = group.bound * group.shade, heard.whole
+            if tolerance > 0 and lowest < highest:
+                parts = heard.whole.strength.parts(lowest, highest)
+            rows = parts.rows
+            delayed = sum_delayed(
+                partial(heard.of, parts),
+                (heard.length[rows] + parts.offset) / station.sound_speed,
+                grid.start,
+                grid.spacing,
+                grid.count,
+                tolerance=tolerance,
+                reach=heard.reach(parts, band),
+                loudness=loud[rows] * parts.share,
+                weights=None if weights is None else weights[number][rows],
+                ends=band,
+            )
+            spectrum[ear] += delayed.spectrum
+            error[ear] += delayed.error * delayed.size
+            size[ear] += delayed.size
+            done += len(group)
+            if progress:
+                progress(done, total)
+    known = size > 0
+    bound, looked_up = (
+        float(np.divide(part, size, out=np.zeros_like(size), where=known).max(initial=0.0))
+        for part in (error, table)
+    )
+    return EchoSum(spectrum, bound, looked_up, size)
 
 
 # The Doppler effect of a moving sonar: every path plays the call faster or slower.

@@ -32,13 +32,11 @@ KINDS = ("leaves", "wood", "facets")
 
 @dataclass(frozen=True)
 class _Stand:
-    """A population and its I instances: numbers in the scene, transforms, their ``similarity``, stretch,
-    bounding spheres."""
+    """A population and its I instances: numbers in the scene, transforms, stretch, bounding spheres."""
 
     population: Population
     instance: np.ndarray
     transform: np.ndarray
-    scale: np.ndarray
     stretch: np.ndarray
     centre: np.ndarray
     radius: np.ndarray
@@ -60,6 +58,9 @@ class Candidates(RowTable):
     count: np.ndarray
     nearest: np.ndarray
     strength: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stand)
 
 
 class EchoTargets:
@@ -214,28 +215,30 @@ class EchoTargets:
     ) -> tuple[list[tuple[Any, ...]], Candidates]:
         """The kernel's arguments for opened candidates of leaves, mesh by mesh, and all others; none where
         something moves or is squeezed."""
-        runs, others = [], np.ones(len(some), dtype=bool)
-        for number, stand in enumerate(self.stands(sonar)):
-            if isinstance(stand.population, LeafPopulation):
-                rows = np.flatnonzero(some.stand == number)
-                rows = rows[np.lexsort((some.block[rows], some.member[rows]))]
-                block, member, first = (
-                    some.block[rows],
-                    some.member[rows],
-                    stand.population.blocks.first,
-                )
-                given = (
-                    member,
-                    stand.transform,
-                    stand.scale,
-                    stand.instance,
-                    *stand.population.table,
-                )
-                runs.append((len(rows), first[block], first[block + 1], *given))
-                others[rows] = False
-                if np.isnan(stand.scale[member]).any():
-                    return [], some
-        return ([], some) if self._wind or self._motion else (runs, some.select(others))
+        stands = self.stands(sonar)
+        leaves = {
+            number: stand.population
+            for number, stand in enumerate(stands)
+            if isinstance(stand.population, LeafPopulation)
+        }
+        of_leaves, runs = np.isin(some.stand, list(leaves)), []
+        for number, population in leaves.items():
+            blocks = some.select(some.stand == number)
+            order = np.lexsort((blocks.block, blocks.member))
+            member, block = blocks.member[order], blocks.block[order]
+            first, transform = population.blocks.first, stands[number].transform[member]
+            scale = similarity(transform[:, :, :3])
+            if np.isnan(scale).any() or self._wind is not None or self._motion is not None:
+                return [], some
+            given = (
+                first[block],
+                first[block + 1],
+                transform,
+                scale,
+                stands[number].instance[member],
+            )
+            runs.append((len(order), *given, *population.table))
+        return runs, some.select(~of_leaves)
 
     def _placed(
         self, stand: _Stand, which: int, rows: np.ndarray, sight: Sight
@@ -283,8 +286,7 @@ class EchoTargets:
         reach = (np.linalg.norm(blocks.centre - middle, axis=1) + blocks.radius).max()
         centre = np.einsum("iab,b->ia", transform[:, :, :3], middle) + transform[:, :, 3]
         stretch = self._stretch[instance]
-        scale, radius = similarity(transform[:, :, :3]), stretch[:, 0] * reach
-        return _Stand(population, instance, transform, scale, stretch, centre, radius)
+        return _Stand(population, instance, transform, stretch, centre, stretch[:, 0] * reach)
 
     def _population(self, kind: str, index: int, model: str) -> Population:
         key = (kind, model if kind == "leaves" else "", index)
