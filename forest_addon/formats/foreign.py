@@ -324,4 +324,6 @@ def _sentence(problem: Exception, what: str) -> str:
         c if c.isprintable() else " " for c in re.sub(r"\bError: ", "", " ".join(lines))
     )
     why = " ".join(shown[:LONGEST].split()).rstrip(".") or type(problem).__name__
+    if isinstance(problem, NameError):  # of a reader that met no head
+        why = "its head is broken"
     return f"cannot be read as {what} ({why}); save it again"

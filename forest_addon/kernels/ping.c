@@ -496,6 +496,7 @@ static inline double optics_bound(const struct bounding *by, double radius, doub
     double largest = larger(by->highest * fabs(highest), by->lowest * fabs(lowest));
     int64_t next = low < 1e6 ? (int64_t)(2.0 * low / TURN) - 1 : by->peaks; /* peaks are half a turn apart, about */
     next = next > 0 ? next : 0;
+    next = next < by->peaks ? next : by->peaks;
     while (next < by->peaks && by->peak[next] < low)
         next++;
     if (next == by->peaks || by->peak[next] < by->highest * across)

@@ -237,6 +237,10 @@ def test_opened_leaves_are_the_same(both, model, settings):
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     radius = 10.0 ** rng.uniform(-3.5, -0.8, count)
     radius[5], radius[7], centre[9, 1] = np.nan, 0.0, np.inf
+    radius[20:40], centre[20:40, 0] = (
+        2.0,
+        20.0,
+    )  # beyond the range, of more lobes than are tabulated
     still = EchoTargets.of_discs(LeafDiscs(centre, normal, radius, one, np.arange(count) // 2, one))
     turn = Rotation.from_rotvec([1, 2, 3]).as_matrix()
     places = np.stack([np.eye(3, 4), np.column_stack([-0.7 * turn, [1.0, 0.5, 0.2]])])

@@ -112,7 +112,7 @@ def test_no_file_of_another_kind_and_none_that_is_read_is_written(tmp_path, caps
 
 @pytest.mark.parametrize(
     ("name", "said"),
-    [("ir.wav", "that can be read: its header is broken"), (".", "Is a directory")],
+    [("ir.wav", "its head is broken"), (".", "is a folder; name a WAV file in it")],
 )
 def test_what_is_no_impulse_response_is_said_in_our_words(
     tmp_path, capsys, monkeypatch, name, said

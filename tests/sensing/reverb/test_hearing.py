@@ -486,8 +486,8 @@ def test_auralise_bad_files_are_refused_in_words(tmp_path: Path) -> None:
     wavfile.write(tmp_path / "empty.wav", 8000, np.empty(0, np.int16))
     wavfile.write(tmp_path / "nan.wav", 8000, np.array([np.nan], np.float32))
     for name, said in (
-        ("none", "cannot be read"),
-        ("text", "not a WAV"),
+        ("none", "there is no such file"),
+        ("text", "cannot be read as a WAV file"),
         ("empty", "no sound"),
         ("nan", "NaN"),
     ):

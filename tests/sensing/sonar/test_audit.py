@@ -73,7 +73,8 @@ def test_what_was_asked_is_kept_always():
     fast, exact = ping(things, sonar, AIR), ping(things, sonar.changed(tolerance=0.0), AIR)
     apart = np.abs(fast.spectra - exact.spectra).max()
     assert apart <= SMOOTH * exact.size.max()
-    assert audit(fast, sonar, 1e-3, things).kept
+    found = audit(fast, sonar, 1e-3, things)
+    assert found.kept, str(found)
 
 
 def row_of_leaves(count, size, turn, apart):
