@@ -100,7 +100,7 @@ BUDGETS = {
     "forest_addon/blender": (5174, 39),
     "forest_addon/drawing": (576, 6),
     "forest_addon/flight": (1805, 12),
-    "forest_addon/formats": (3580, 29),
+    "forest_addon/formats": (3582, 29),
     "forest_addon/growth": (7952, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1202, 17),
