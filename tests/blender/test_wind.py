@@ -1,5 +1,6 @@
 """Scans of trees in the wind: where pulses meet them, held to the trees' own motion."""
 
+import gc
 from functools import cache
 
 import numpy as np
@@ -11,9 +12,9 @@ from forest_addon import api as forest
 from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.base.vectors import beside_segments
 from forest_addon.blender.rays.bvh import BvhCaster
-from forest_addon.blender.rays.embree_motion import embree_motion
+from forest_addon.blender.rays.embree_motion import SwayingPieces, embree_motion
 from forest_addon.growth.sway.shape import _nearest
-from forest_addon.sensing.moving import KNOTS, MovingScene
+from forest_addon.sensing.moving import KNOTS, WINDOWS, MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
@@ -142,6 +143,20 @@ def test_a_hit_among_swaying_trees_is_a_function_of_its_ray_and_its_time(monkeyp
     judged = caster.judged().cast(origin, way, 60.0, time=time)
     np.testing.assert_array_equal(judged.instance, whole.instance)
     np.testing.assert_array_equal(judged.triangle, whole.triangle)
+
+
+def test_a_long_scan_keeps_few_windows_of_pieces():
+    world = built(WINDY)
+    moving = MovingScene(
+        world.observer.geometry, sway=sway_of(world.forest, WINDY.wind, WINDY.seed)
+    )
+    caster, rng = MovingCaster(moving, ExactCaster, embree_motion), np.random.default_rng(2)
+    for start in range(3 * WINDOWS):
+        way, time = rng.normal((0.0, 0.0, 0.3), 1.0, (200, 3)), np.full(200, float(start))
+        hits = caster.cast(np.tile([0.0, 0.0, 1.5], (200, 1)), way, 60.0, time=time)
+        assert (hits.instance >= moving.count).any()
+    held = [one for one in gc.get_objects() if type(one) is SwayingPieces and one._moving is moving]
+    assert 0 < len(held) <= WINDOWS
 
 
 def test_programs_are_told_how_points_of_trees_move(windy):

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Iterator
 from threading import Lock
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, proxy
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -278,7 +278,8 @@ class SwayingPieces(EmbreeSearch):
 
     def __init__(self, of: EmbreeMotion, window: PieceWindow) -> None:
         super().__init__(of.moving.scene, of.still.threads)
-        self._moving, self._window, self._last = of.moving, window, len(window.places) - 1
+        self._moving, self._last = of.moving, len(window.places) - 1
+        self._window = proxy(window)  # whose end is ours
         self._library, device = of.still._library, of.still._device
         self._build = EmbreeBuild(self._library, device, of.still._build)
         self._number = of.moving.count + window.piece
@@ -314,11 +315,8 @@ class SwayingPieces(EmbreeSearch):
         hits = super().cast(origins, directions, max_distance, **limits)
         if leaving is not None:
             return hits
-        cut, count, when = (
-            self._moving.pieces,
-            self._moving.count,
-            np.broadcast_to(time, len(hits.distance)),
-        )
+        cut, count = self._moving.pieces, self._moving.count
+        when = np.broadcast_to(time, len(hits.distance))
         rows = np.flatnonzero(hits.found)
         row, piece, triangle = cut.copies(hits.instance[rows] - count, hits.triangle[rows])
         there = np.isin(piece, self._window.piece)

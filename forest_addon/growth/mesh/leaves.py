@@ -53,9 +53,6 @@ class Leaves(RowTable):
     radius: np.ndarray
     branch: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.radius)
-
     @classmethod
     def none(cls) -> Leaves:
         """An empty set of leaves."""

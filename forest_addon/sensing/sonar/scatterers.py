@@ -91,9 +91,6 @@ class Scatterers(RowTable, ABC):
     centre: np.ndarray
     number: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.number)
-
     @property
     def clear(self) -> np.ndarray:
         """(M,) metres before each that hide nothing."""

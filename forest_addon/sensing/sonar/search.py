@@ -50,9 +50,6 @@ class SearchGroup(RowTable):
     shade: np.ndarray
     motion: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.bound)
-
     @property
     def velocity(self) -> np.ndarray:
         """(M, 3) m/s; (M, 0) where all stand still."""

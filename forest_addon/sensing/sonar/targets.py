@@ -59,9 +59,6 @@ class Candidates(RowTable):
     nearest: np.ndarray
     strength: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.stand)
-
 
 class EchoTargets:
     """Targets of a sonar in a scene.
