@@ -31,7 +31,8 @@ struct ray { /* on its way */
     int64_t left_instance, left_triangle;
     int64_t instance, triangle;
     double knot;
-    double place[12]; /* of what it met */
+    const double *place; /* of what it met, kept here where that goes */
+    double there[12];
 };
 
 /* Unit vector along a direction; 0 where that is zero or not finite. */
@@ -95,7 +96,7 @@ static void find(const struct cast_scene *scene, struct ray *ray, const struct r
     ray->triangle = sent->triangle;
     if (scene->steps == 0) {
         ray->instance = sent->instance;
-        memcpy(ray->place, scene->transform + 12 * ray->instance, sizeof ray->place);
+        ray->place = scene->transform + 12 * ray->instance;
         return;
     }
     ray->instance = scene->piece[sent->of_array];
@@ -103,7 +104,8 @@ static void find(const struct cast_scene *scene, struct ray *ray, const struct r
     from = scene->transform + 12 * (step * scene->pieces + sent->of_array);
     to = from + 12 * scene->pieces;
     for (int k = 0; k < 12; k++)
-        ray->place[k] = from[k] + (ray->knot - (double)step) * (to[k] - from[k]);
+        ray->there[k] = from[k] + (ray->knot - (double)step) * (to[k] - from[k]);
+    ray->place = ray->there;
 }
 
 /* Sends a ray into the scene from a distance on; 0 where it meets nothing. */

@@ -20,14 +20,20 @@ from typing import Any
 import numpy as np
 
 from forest_addon.api import (
+    Accuracy,
     Beam,
     Cloud,
+    Forest,
+    Planting,
     Rays,
+    Scene,
     Skeleton,
     Terrestrial,
     Tractor,
     TractorScan,
     TriMesh,
+    Wind,
+    build,
 )
 
 from ..inside import (
@@ -613,7 +619,39 @@ class _Cones:
 
 
 FORESTS = list(product(TREES, INSTANCES, COUNTS))
+WINDY = Scene(
+    seed=3,
+    forest=Forest(size=(40.0, 40.0)),
+    plantings=tuple(
+        Planting(species=name, expected=expected, variants=4)
+        for name, expected in (("european-beech", 32.0), ("scots-pine", 16.0))
+    ),
+    accuracy=Accuracy(audit=0.0),
+    rays=Rays(threads=1),
+)
+AMONG = Terrestrial(
+    position=(20.0, 20.0, 1.5), angle_step_deg=0.5, elevation_deg=(-30.0, 90.0), pulse_rate=1e5
+)
+
+
+def _in_wind(speed: float) -> BenchRow:
+    """A scan of a stand in a wind, m/s, and what its audit finds."""
+    scene = WINDY.changed(wind=Wind(speed=speed))
+    world, audited = build(scene), scene.changed(accuracy=Accuracy())
+
+    def error(_: object) -> str:
+        return f"{build(audited).scan(AMONG).audit.worst}"
+
+    return BenchRow(lambda: world.scan(AMONG), error, Scan(AMONG, world.observer.caster).pulses)
+
+
 ROWS: Rows = {
+    **{
+        f"a tripod among 48 trees, {f'wind of {speed:g} m/s' if speed else 'still'}": partial(
+            _in_wind, speed
+        )
+        for speed in (0.0, 6.0)
+    },
     **{
         f"rays of a {kind}, {c} x {size}, {e.engine}": partial(_cast, size, c, e, kind)
         for size, c, e in FORESTS
