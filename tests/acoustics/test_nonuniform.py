@@ -133,15 +133,6 @@ def test_hard_delays(delay: np.ndarray) -> None:
         assert found.nodes.keys() != {COUNT}  # the fast way was taken
 
 
-def test_band_edges_are_as_good_as_the_middle() -> None:
-    rng = np.random.default_rng(4)
-    delay = rng.uniform(0, 0.02, 400)
-    exact, size = direct(ones, delay)
-    found = sum_delayed(ones, delay, START, SPACING, COUNT, tolerance=1e-5)
-    error = np.abs(found.spectrum - exact) / size
-    assert max(error[0], error[-1]) <= 1e-5
-
-
 def test_discs_of_no_size_add_nothing() -> None:
     def amplitude(frequency, rows):
         k = 2 * np.pi * frequency[:, None] / SPEED

@@ -1,10 +1,10 @@
-"""Trees as people model them: ten of known shape, and what is done to a mesh before it is brought."""
+"""Trees as people model them: six of known shape, and what is done to a mesh before it is brought."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from .model_tree import Model, at, line, tree
+from .model_tree import Model, at, line
 
 RISE = np.linspace(0, 1, 16)
 
@@ -30,9 +30,9 @@ def _stem(model: Model, path: np.ndarray, foot: float = 0.25, **shape: object) -
     return model.add(path, thick, -1, **shape)
 
 
-def _straight(lean: float, bend: float, sides: int, capped: bool) -> Model:
+def _leaning(sides: int, capped: bool) -> Model:
     model = Model()
-    path = np.stack([lean * RISE + bend * np.sin(np.pi * RISE), 0.2 * bend * RISE**2, 9 * RISE], 1)
+    path = np.stack([2.5 * RISE, 0 * RISE, 9 * RISE], 1)
     _crown(model, _stem(model, path, sides=sides, capped=capped), path, 12, sides)
     return model
 
@@ -82,19 +82,6 @@ def _flared(sides: int, capped: bool) -> Model:
     return model
 
 
-def _column(sides: int, capped: bool) -> Model:
-    model = Model()
-    path = np.outer(12 * RISE, at(0, 0, 1))
-    stem = _stem(model, path, 0.2, sides=sides, capped=capped)
-    for number in range(24):
-        turn, z = 2.4 * number, 1.0 + 0.42 * number
-        out = at(np.cos(turn), np.sin(turn), 0) * (0.3 + 0.2 * (1 - z / 12))
-        rise = RISE[::2]
-        way = at(0, 0, z) + np.outer(1 - (1 - rise) ** 3, out) + np.outer(1.4 * rise, at(0, 0, 1))
-        model.add(way, np.linspace(0.3, 0.1, 8) * (0.2 - 0.014 * z), stem, sides=sides)
-    return model
-
-
 def _palm(sides: int, capped: bool) -> Model:
     model = Model()
     path = np.stack([1.2 * RISE**2, 0 * RISE, 10 * RISE], 1)
@@ -109,16 +96,12 @@ def _palm(sides: int, capped: bool) -> Model:
 
 
 TREES: dict[str, Callable[[int, bool], Model]] = {
-    "upright": lambda sides, capped: _straight(0.0, 0.0, sides, capped),
-    "leaning": lambda sides, capped: _straight(2.5, 0.0, sides, capped),
-    "bent": lambda sides, capped: _straight(0.5, 0.8, sides, capped),
+    "leaning": _leaning,
     "forked": _forked,
     "twin": _twin,
     "stacked": _stacked,
     "flared": _flared,
-    "column": _column,
     "palm": _palm,
-    "curved": lambda sides, capped: tree(2, sides=sides, capped=capped),
 }
 
 

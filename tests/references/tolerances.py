@@ -1,12 +1,9 @@
 """Cases in which a tolerance may break: drawn scenes of each simulator against its exact, slow way.
 
-`PYTHONPATH=tests python -m references.tolerances sonar 1000 [first]` draws so many and prints the worst of
-each kind; tests take the hardest, and `make fuzz` draws new ones. A number is the same scene every time.
+Tests take the hardest, and `make fuzz` draws new ones. A number is the same scene every time.
 """
 
 import math
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -294,26 +291,3 @@ CASES: dict[str, Callable[[int], Case]] = {
     "reverb": reverb_case,
     "lidar": lidar_case,
 }
-
-
-def main(simulator: str, count: str, first: str = "0") -> None:
-    """Draw cases; print every one that is over, and the worst of each kind."""
-    begin, found = time.process_time(), []
-    for number in range(int(first), int(first) + int(count)):
-        case = CASES[simulator](number)
-        found.append(case)
-        if case.error > 1 or case.told_of > 1:
-            print(case, flush=True)
-    spent = time.process_time() - begin
-    silent = sum(case.error > 1 and not case.warned for case in found)
-    print(f"{len(found)} in {spent:.0f} CPU s; {silent} over and silent")
-    for kind in sorted({case.kind for case in found}):
-        some = [case for case in found if case.kind == kind]
-        error, told = (max(getattr(case, name) for case in some) for name in ("error", "told_of"))
-        print(
-            f"{kind}: {len(some)}, worst {error:.3g} of the tolerance, {told:.3g} of what is told"
-        )
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

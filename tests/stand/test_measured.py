@@ -78,25 +78,20 @@ def grown(tmp_path, variants):
     return grow_forest(scene, [load_species(find_species("scots-pine", Path()))], None, inputs)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("variants", [8, 3])
-def test_every_tree_of_a_list_has_its_diameter(tmp_path, variants):
-    """With a variant for each tree its height too; with fewer, that of a tree of like proportions."""
-    forest = grown(tmp_path, variants)
-    table = tree_table(forest)
-    dbh, height = np.array(table["dbh_m"]), np.array(table["height_m"])
-    assert len(forest.variants) == variants
-    assert dbh == pytest.approx(0.08 + 0.01 * np.arange(1, 9), abs=1e-6)
-    near = 0.01 if variants == 8 else 0.35
-    assert height == pytest.approx(7 + 0.3 * np.arange(1, 9), rel=near)
-    assert table["target_dbh_m"] == pytest.approx(dbh)
-    assert np.array(table["crown_base_m"]).min() > 0
-
-
 @pytest.mark.medium
-def test_a_tree_keeps_its_targets_whichever_others_stand(tmp_path):
-    many, few = grown(tmp_path, 8), grown(tmp_path, 3)
-    assert many.wanted == pytest.approx(few.wanted)
+def test_every_tree_of_a_list_has_its_diameter(tmp_path):
+    """With a variant for each tree its height too; with fewer, that of a tree of like proportions."""
+    forests = {variants: grown(tmp_path, variants) for variants in (8, 3)}
+    for variants, forest in forests.items():
+        table = tree_table(forest)
+        dbh, height = np.array(table["dbh_m"]), np.array(table["height_m"])
+        assert len(forest.variants) == variants
+        assert dbh == pytest.approx(0.08 + 0.01 * np.arange(1, 9), abs=1e-6)
+        near = 0.01 if variants == 8 else 0.35
+        assert height == pytest.approx(7 + 0.3 * np.arange(1, 9), rel=near)
+        assert table["target_dbh_m"] == pytest.approx(dbh)
+        assert np.array(table["crown_base_m"]).min() > 0
+    assert forests[8].wanted == pytest.approx(forests[3].wanted)  # whichever others stand
 
 
 @pytest.mark.medium

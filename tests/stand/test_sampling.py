@@ -46,7 +46,6 @@ from forest_addon.stand.intensity.functions import (
 )
 from forest_addon.stand.intensity.surface import IntensityError
 from forest_addon.stand.layouts import (
-    MAX_POINTS,
     Process,
     activity_of,
     k_of_clusters,
@@ -107,7 +106,7 @@ def process(name, total=60.0):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_counts_in_rectangles_are_poisson(name):
-    made, runs = process(name), 200
+    made, runs = process(name), 120
     samples = [sample(made, stream(s, "count", name)) for s in range(runs)]
     for low, high in [((0, 0), (60, 40)), ((5, 5), (30, 20)), ((15, 20), (52, 36))]:
         low, high = LOW + low, LOW + high
@@ -141,11 +140,11 @@ def test_a_wood_is_as_dense_everywhere_whatever_the_bound_that_it_is_thinned_fro
 
 @cache
 def marginals(name):
-    """Cuts and cumulative shares of ∫λ along x and along y, by a midpoint sum on 1200 x 800 places."""
-    x, y = (LOW[k] + (np.arange(n) + 0.5) * SIZE[k] / n for k, n in ((0, 1200), (1, 800)))
-    value = process(name).at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(800, 1200)
+    """Cuts and cumulative shares of ∫λ along x and along y, by a midpoint sum on 600 x 400 places."""
+    x, y = (LOW[k] + (np.arange(n) + 0.5) * SIZE[k] / n for k, n in ((0, 600), (1, 400)))
+    value = process(name).at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(400, 600)
     found = []
-    for axis, count in ((0, 1200), (1, 800)):
+    for axis, count in ((0, 600), (1, 400)):
         share = np.append(0, np.cumsum(value.sum(axis=axis)))
         found.append((LOW[axis] + np.linspace(0, SIZE[axis], count + 1), share / share[-1]))
     return found
@@ -157,6 +156,7 @@ def marginals(name):
 def test_positions_follow_the_intensity(name, exactly):
     """PIT of x and of y by their marginals; false alarm 1e-4 each, 2e-3 together."""
     points = sample(process(name, 9000.0), stream(0, "pit", name), exactly)
+    assert exactly is None or len(points) == exactly
     for axis, (cut, share) in enumerate(marginals(name)):
         pit = np.interp(points[:, axis], cut, share)
         found = stats.kstest(pit, "uniform").statistic
@@ -172,14 +172,6 @@ def test_disjoint_cells_are_independent(name):
         west = sample(made, stream(s, "cells", name))[:, 0] < LOW[0] + 30
         counts[s] = west.sum(), (~west).sum()
     assert abs(np.corrcoef(counts.T)[0, 1]) < 4.5 / np.sqrt(runs)  # false alarm 7e-6 each
-
-
-@pytest.mark.medium
-@pytest.mark.parametrize("name", KINDS)
-def test_an_exact_number_is_exact(name):
-    points = sample(process(name), stream(1, "exact"), 1234)
-    assert len(points) == 1234
-    assert ((points >= LOW) & (points <= LOW + SIZE)).all()
 
 
 def test_one_pixel_that_is_not_zero_gets_all_trees():
@@ -220,12 +212,10 @@ def test_values_that_are_no_intensity_are_refused_with_their_place(bad):
         sample(Process(Broken(Constant(1.0)), LOW, LOW + SIZE), stream(0, "x"))
 
 
-@pytest.mark.medium
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", ["by component", "raster"])
 def test_too_many_trees_are_refused_with_the_number(name):
     with pytest.raises(IntensityError, match="300,000,000 trees, more than 20,000,000"):
         sample(process(name, 3e8), stream(0, "x"))
-    assert MAX_POINTS == 20_000_000
 
 
 def test_nothing_where_the_intensity_is_zero():
@@ -279,17 +269,27 @@ def test_the_law_of_two_points_in_a_disc_is_the_integral_of_its_density():
         assert found == pytest.approx(share, abs=1e-10)
 
 
-def test_clusters_follow_the_plantings_intensity():
-    """Mean numbers of 80 stands in two halves, 4.5 standard errors: fails once in 70,000."""
-    hill = Gaussian(peak=0.1, centre=(20.0, 40.0), width=(30.0, 30.0))
-    planting = Planting(species="x", gaussians=(hill,), layout="clusters", clusters=GROUPS[0])
-    process = process_of(planting, Forest(size=(100.0, 80.0)))
-    drawn = [sample_clusters(process, GROUPS[0], stream(k, "hill")) for k in range(80)]
-    for low, high in (((0, 0), (30, 80)), ((30, 0), (100, 80))):
+@pytest.mark.parametrize(
+    ("draw", "law", "stands", "near"),
+    [
+        (sample_clusters, GROUPS[0], 80, 0.0),
+        (sample_strauss, Strauss(radius=3.0, gamma=0.2), 6, 0.02),
+    ],
+    ids=["clusters", "strauss"],
+)
+def test_as_many_trees_stand_on_each_side_of_a_hill(draw, law, stands, near):
+    """Mean numbers of stands in the dense and in the thin half, 4.5 standard errors: fails once in 70,000.
+
+    near : what repulsion, whose activity is an approximation, may be off by, of 1.
+    """
+    hill = Gaussian(peak=0.12, centre=(0.0, 40.0), width=(40.0, 60.0))
+    process = process_of(Planting(species="x", gaussians=(hill,)), Forest(size=(80.0, 80.0)))
+    drawn = [draw(process, law, stream(k, "hill")) for k in range(stands)]
+    for low, high in (((0, 0), (30, 80)), ((30, 0), (80, 80))):
         counts = np.array([((t >= low) & (t < high)).all(axis=1).sum() for t in drawn])
-        error = counts.std(ddof=1) / np.sqrt(len(counts))
+        error = counts.std(ddof=1) / np.sqrt(stands)
         wanted = replace(process, low=np.array(low, float), high=np.array(high, float)).expected
-        assert abs(counts.mean() - wanted) < 4.5 * error
+        assert abs(counts.mean() - wanted) < near * wanted + 4.5 * error
 
 
 @pytest.mark.medium
@@ -341,20 +341,6 @@ def test_as_many_trees_stand_as_were_asked_for(gamma, radius, intensity):
     wanted = intensity * high.prod()
     assert abs(np.mean(counts) - wanted) < 0.01 * wanted + 4 * errors[0]
     assert abs(np.mean(apart)) < 6 * errors[1]  # 8 stands: once in 1,800
-
-
-def test_as_many_trees_stand_on_each_side_of_a_hill():
-    """Within 2 % and 4 standard errors of 8 stands, in the dense and in the thin half."""
-    hill = Gaussian(peak=0.12, centre=(0.0, 40.0), width=(40.0, 60.0))
-    planting = Planting(species="x", gaussians=(hill,), layout="strauss")
-    process = process_of(planting, Forest(size=(80.0, 80.0)))
-    drawn = [
-        sample_strauss(process, Strauss(radius=3.0, gamma=0.2), stream(k, "hill")) for k in range(8)
-    ]
-    for low, high in (((0, 0), (30, 80)), ((30, 0), (80, 80))):
-        counts = np.array([((t >= low) & (t < high)).all(axis=1).sum() for t in drawn])
-        wanted = replace(process, low=np.array(low, float), high=np.array(high, float)).expected
-        assert abs(counts.mean() - wanted) < 0.02 * wanted + 4 * counts.std(ddof=1) / np.sqrt(8)
 
 
 @pytest.mark.parametrize(("gamma", "radius"), [(0.0, 4.0), (0.1, 5.0), (0.5, 9.0)])

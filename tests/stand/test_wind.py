@@ -64,14 +64,14 @@ def test_trees_take_the_momentum_that_the_wind_loses():
 
 
 @pytest.mark.slow
-def test_the_spectrum_of_an_hour_has_no_gaps():
+def test_the_spectrum_of_half_an_hour_has_no_gaps():
     """Slope by the least squares of Welch's lines, 0.2 to 2 Hz, of wind at a point: Kaimal's own there."""
     frequency, steep = np.geomspace(0.2, 2.0, 200), []
     field = WindField.drawn(BREEZE, 15.0, LEAVES, 3)
-    place, time = np.array([[0.0, 0.0, 15.0]]), np.arange(0, 3600, 0.25)
+    place, time = np.array([[0.0, 0.0, 15.0]]), np.arange(0, 1800, 0.25)
     turn = np.exp(2j * np.pi * time[:, None] * field.frequency[field.frequency < 2])
     gust = (turn @ field.waves(place)[0, field.frequency < 2, 0]).real
-    found, power = welch(gust, 4.0, "hamming", 3200)
+    found, power = welch(gust, 4.0, "hamming", 1600)
     steep = [
         np.polyfit(np.log(x), np.log(y), 1)[0]
         for x, y in (
@@ -170,7 +170,7 @@ def test_modes_have_the_energy_of_a_fine_integration_in_time():
         return np.concatenate([v, f - damper @ v - omega**2 * q])
 
     at = np.arange(50.0, 90.0, 0.1)
-    solved = solve_ivp(rate, (0, 90), np.zeros(8), t_eval=at, max_step=0.05, rtol=1e-6)
+    solved = solve_ivp(rate, (0, 90), np.zeros(8), t_eval=at, max_step=0.1, rtol=1e-5)
     energy = (solved.y[4:] ** 2 + (omega[:, None] * solved.y[:4]) ** 2).T / 2
     value, speed = answer.exact(at)
     own = (speed**2 + (omega * value) ** 2) / 2

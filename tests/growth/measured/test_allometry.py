@@ -258,7 +258,7 @@ def test_a_diameter_knows_that_two_sizes_of_a_tree_are_correlated(name, known):
 def test_what_is_drawn_both_ways_round_is_one_joint_law(known):
     """Trees are drawn by diameter; of each some measures are kept, and the rest is drawn given these."""
     name = ("picea-abies", "fagus")[sum(known) % 2]
-    kind, count, rng = read_allometry(name, Path()), 500, stream(4, name, *known)
+    kind, count, rng = read_allometry(name, Path()), 300, stream(4, name, *known)
     nothing = np.full((count, 4), NOTHING)
     dbh = np.exp(rng.uniform(np.log(0.005), np.log(kind.height.dbh[1]), count))
     trees = draw(kind, dbh, nothing, rng.random((count, 4)))
@@ -320,7 +320,7 @@ def test_a_few_shoots_do_not_draw_the_wood_out():
     """A young pine of nine shoots about its stem: its wood used to be 30 m wide in a crown of 1 m."""
     species, kind = species_of("ponderosa-pine")
     small = Wanted(0.045, 5.1, 1.06, 2.4, 1.1)
-    for number in range(3):
+    for number in range(2):
         skeleton, _sites, _ = grow_measured(
             species, small, blade_of(species, kind.blade), stream(number, "check", "young")
         )

@@ -392,7 +392,7 @@ def test_a_stand_in_is_its_tree_at_a_glance(species):
     places, true = None, 1.0
     if len(leaves):
         middle, half = leaves[:, 1:].mean(axis=0), 1.2 * leaves[:, 1:].std(axis=0)
-        places = np.random.default_rng(1).uniform(middle - half, middle + half, (60, 2))
+        places = np.random.default_rng(1).uniform(middle - half, middle + half, (40, 2))
         true = sky(tree.mesh, places)
     for number, level in enumerate(LEVELS):
         rough = looks_like(tree, leaves, level, 1.0 + 0.5 * number)

@@ -162,9 +162,9 @@ def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
     for number in range(1, 28):  # no thinner than the remesher sees
         if model.parents[number] > 0:
             path = line(model.foot[number], model.tip[number])
-            model.tubes[number] = tube(path, np.linspace(0.03, 0.02, 6), capped=True)
-            model.radius[number] = 0.03
-    joined = remeshed(model.wood(), 0.015)
+            model.tubes[number] = tube(path, np.linspace(0.032, 0.022, 6), capped=True)
+            model.radius[number] = 0.032
+    joined = remeshed(model.wood(), 0.016)
     found = recognise(joined)
     np.testing.assert_array_equal(np.bincount(depths(found.parent)), [1, 9, 18])
     number = np.array([np.argmin(np.linalg.norm(found.tip - tip, axis=1)) for tip in model.tip])
@@ -261,8 +261,8 @@ def test_a_weeping_tree_in_one_mesh_comes_back() -> None:
         for knot, hand in ((6, 1), (10, -1)):
             twig = path[knot] + np.outer(0.35 * rise, hand * np.cross(out, [0, 0, 1]))
             twig[:, 2] -= rise**2
-            model.add(twig, np.linspace(0.026, 0.02, 14), branch, capped=True)
-    found = recognise(remeshed(model.wood(), 0.013))
+            model.add(twig, np.linspace(0.034, 0.028, 14), branch, capped=True)
+    found = recognise(remeshed(model.wood(), 0.017))
     assert found.doubts == ()
     assert found.wood.count == 19
     apart = np.linalg.norm(found.tip[:, None] - np.array(model.tip), axis=2)

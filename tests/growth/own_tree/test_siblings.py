@@ -54,7 +54,7 @@ from forest_addon.growth.skeleton import Skeleton, depths
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Siblings, SpecError
 
-COUNT = 20
+COUNT = 12
 NAMES = {"length": 1.0, "angle": 0.0, "thinning": 1.0}
 SAME = Siblings(variety=0.0)
 SIBLINGS = 5

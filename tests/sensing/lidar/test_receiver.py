@@ -165,13 +165,6 @@ def test_instruments_resolve_what_their_sheets_say():
     assert drone.beam.max_returns == 5
 
 
-def test_pulses_into_the_sky_have_no_returns():
-    receiver = Receiver(
-        keep="strongest+last", dead_zone=2.0, dynamic_range=30.0, reading="reflectance"
-    )
-    assert not len(looked([plate(-5.0)], Beam(max_returns=2), faintest=0.2, receiver=receiver))
-
-
 def noisy(snr, **settings):
     """A tripod of 10,000 pulses whose receiver has noise; its threshold is a tenth of white at 200 m."""
     given = {"max_range": 200.0, "faintest": 0.1, "beam": Beam(pulse_ns=5.0, max_returns=15)}

@@ -304,13 +304,6 @@ def test_noise_does_not_move_a_return_in_or_out_of_the_limits():
     assert cloud.returns.distance.max() > 20.5
 
 
-def test_nothing_below_an_open_sky():
-    scanner = Terrestrial(elevation_deg=(1.0, 80.0), angle_step_deg=5.0)
-    cloud = look(scanner, ground())
-    assert len(cloud) == 0
-    assert cloud.position.shape == (0, 3)
-
-
 # ---------------------------------------------------------------------------------------------- scan
 # Scanners in scenes whose every distance is known in closed form.
 

@@ -7,7 +7,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from references.echoes import discs_of, echo_spectrum_direct, leaf_direct
+from references.echoes import discs_of, echo_spectrum_direct, leaf_direct, scene_of
 from references.rays import BruteCaster
 
 from forest_addon.acoustics import nonuniform
@@ -351,18 +351,6 @@ def leafy_mesh(flat: bool = True, count: int = 5) -> TriMesh:
     )
 
 
-def scene_of(mesh: TriMesh, *transforms: np.ndarray) -> SceneGeometry:
-    count = len(transforms)
-    return SceneGeometry(
-        (mesh,),
-        np.array(transforms).reshape(-1, 3, 4),
-        np.zeros(count, np.int64),
-        ("tree",) * count,
-        np.arange(count) + 3,
-        np.zeros(count, np.int64),
-    )
-
-
 def transform(
     linear: np.ndarray, shift: tuple[float, float, float] = (1.0, -2.0, 0.5)
 ) -> np.ndarray:
@@ -488,14 +476,6 @@ def beam_gain(directions, azimuth, width):
     """(L,) one way, of a level beam."""
     az, el = beam_offsets(directions, frame_of(azimuth, 0.0))
     return GaussianBeam(width).gain(az, el, np.zeros(1))[0]
-
-
-def test_offsets_of_a_level_sonar_are_azimuth_and_elevation_nearby() -> None:
-    az, el = 0.05, -0.04
-    way = [[math.cos(el) * math.cos(az), math.cos(el) * math.sin(az), math.sin(el)]]
-    np.testing.assert_allclose(
-        np.concatenate(beam_offsets(np.array(way), frame_of(0, 0))), [az, el], rtol=2e-3
-    )
 
 
 def test_no_wrap_behind() -> None:

@@ -337,13 +337,11 @@ def test_doppler_is_a_stretch_of_time(speed: float) -> None:
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize(
-    ("known", "model"), [((60e3, 80e3), "piston"), ((55e3, 90e3), "exact"), ((64e3, 71e3), "exact")]
-)
+@pytest.mark.parametrize(("known", "model"), [((60e3, 80e3), "piston"), ((64e3, 71e3), "exact")])
 def test_doppler_with_measured_ears_keeps_the_tolerance(known, model) -> None:
     """Against the sum of every path at every bin; the pattern has kinks where its frequencies end."""
     rng = np.random.default_rng(3)
-    places = rng.normal(size=(300, 3)) * 0.4 + [2.0, 0, 0]
+    places = rng.normal(size=(150, 3)) * 0.4 + [2.0, 0, 0]
     angle = np.radians(np.arange(0.0, 181.0, 15.0))
     level = -np.minimum(30.0, 20.0 * angle**2)[:, None] + rng.normal(0, 1.5, (len(angle), 5))
     ears = MeasuredBeam(angle, np.linspace(*known, 5), level)
@@ -351,7 +349,7 @@ def test_doppler_with_measured_ears_keeps_the_tolerance(known, model) -> None:
         call="fm", doppler=True, cull=0.0, ears=2, ear_turn_deg=25, leaf_model=model, tolerance=0.0
     )
     pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
-    discs = discs_of(places, rng.normal(size=(300, 3)), rng.uniform(0.003, 0.05, 300))
+    discs = discs_of(places, rng.normal(size=(150, 3)), rng.uniform(0.003, 0.05, 150))
     given = {"pose": pose, "equipment": Equipment.of(sonar, hears=(ears,))}
     exact = ping(discs, sonar, AIR, **given)
     size = exact.size[:, None]

@@ -101,11 +101,11 @@ def test_bounds_hold_in_cells_of_every_size(name):
 @pytest.mark.slow
 def test_raster_bounds_are_exact_in_cells_of_up_to_two_patches():
     grid, rng = raster(), stream(6, "exact")
-    low = LOW + rng.uniform(0, 1, (200, 2)) * (SIZE - 6)
-    high = low + rng.uniform(0.5, 5, (200, 2))
+    low = LOW + rng.uniform(0, 1, (100, 2)) * (SIZE - 6)
+    high = low + rng.uniform(0.5, 5, (100, 2))
     lower, upper = grid.bounds(low, high)
-    for k in range(200):
-        x, y = (np.linspace(low[k, a], high[k, a], 201) for a in (0, 1))
+    for k in range(100):
+        x, y = (np.linspace(low[k, a], high[k, a], 101) for a in (0, 1))
         seen = grid.at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
         assert upper[k] == pytest.approx(seen.max(), abs=0.02)
         assert lower[k] == pytest.approx(seen.min(), abs=0.02)
@@ -128,7 +128,7 @@ def test_raster_is_bilinear_between_centres():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["constant", "mixture", "raster", "polygon", "sum"])
+@pytest.mark.parametrize("name", ["constant", "raster", "polygon", "sum"])
 def test_closed_integrals_agree_with_quadrature(name):
     intensity, rng = EVERY[name](), stream(8, "rect", name)
     for _ in range(2):
@@ -143,11 +143,10 @@ def test_closed_integrals_agree_with_quadrature(name):
 def test_integrals_without_closed_form_are_within_their_stated_error(name):
     intensity = EVERY[name]()
     found = quadrature(intensity, LOW, LOW + SIZE)
-    # A midpoint sum on 700 x 700 places, whose own error is a part of what is allowed here.
-    x, y = (LOW[a] + (np.arange(700) + 0.5) * SIZE[a] / 700 for a in (0, 1))
-    total = sum(intensity.at(np.column_stack([x, np.full(700, row)])).sum() for row in y) * (
-        SIZE.prod() / 700**2
-    )
+    # A midpoint sum on 400 x 400 places, whose own error is a part of what is allowed here.
+    x, y = (LOW[a] + (np.arange(400) + 0.5) * SIZE[a] / 400 for a in (0, 1))
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    total = intensity.at(places).sum() * (SIZE.prod() / 400**2)
     assert abs(found.value - total) < found.error + 4e-4 * total
     assert found.error < 0.02 * found.value
 

@@ -41,15 +41,15 @@ def relative_error(fit, process):
 
 @pytest.mark.slow
 def test_it_finds_the_hills_also_that_beyond_the_edge():
-    points, process = drawn(HILLS, 8_000, "found")
+    points, process = drawn(HILLS, 4_000, "found")
     points = points[NOTCHED.contains(points)]
     fit = fit_mixture(points, NOTCHED)
     assert len(fit.peak) == 2
     order = np.argsort(fit.centre[:, 0])
-    # Standard errors at 8,000 trees: 0.5 m of centres, 2 % of widths and peaks; bounds at 4 of them.
-    assert fit.centre[order] == pytest.approx(HILLS.centre, abs=2.0)
-    assert fit.width[order] == pytest.approx(HILLS.width, rel=0.1)
-    assert fit.peak[order] == pytest.approx(HILLS.peak * process.factor, rel=0.1)
+    # Standard errors at 4,000 trees: 0.7 m of centres, 3 % of widths and peaks; bounds at 4 of them.
+    assert fit.centre[order] == pytest.approx(HILLS.centre, abs=2.8)
+    assert fit.width[order] == pytest.approx(HILLS.width, rel=0.12)
+    assert fit.peak[order] == pytest.approx(HILLS.peak * process.factor, rel=0.12)
     assert fit.expected == pytest.approx(len(points), rel=1e-9)
 
 
@@ -75,8 +75,8 @@ def test_it_is_a_maximum_of_the_likelihood():
 
 @pytest.mark.slow
 def test_trees_that_stand_evenly_or_in_an_orchard_get_no_hill():
-    # BIC takes one hill of 5 parameters for chance with probability about 1 %: 3 of 12 has 2e-4.
-    even = [fit_mixture(drawn(Constant(1.0), 300, "even", s)[0], FIELD) for s in range(12)]
+    # BIC takes one hill of 5 parameters for chance with probability about 1 %: 3 of 6 has 2e-5.
+    even = [fit_mixture(drawn(Constant(1.0), 300, "even", s)[0], FIELD) for s in range(6)]
     assert sum(len(fit.peak) > 0 for fit in even) <= 2
     orchard = np.stack(np.meshgrid(np.arange(2.5, 100, 5), np.arange(2.5, 100, 5)), -1)
     fit = fit_mixture(orchard.reshape(-1, 2), FIELD)
@@ -89,7 +89,7 @@ def test_hills_on_a_base():
     on_base = Sum(
         (Constant(0.2), Mixture(np.array([2.0]), np.array([[60.0, 40.0]]), np.full((1, 2), 8)))
     )
-    points, process = drawn(on_base, 5000, "base")
+    points, process = drawn(on_base, 3000, "base")
     fit = fit_mixture(points, FIELD)
     assert len(fit.peak) == 1
     assert fit.base == pytest.approx(0.2 * process.factor, rel=0.1)
@@ -97,8 +97,9 @@ def test_hills_on_a_base():
 
 
 @pytest.mark.slow
-def test_order_and_place_of_the_map_do_not_matter():
-    points, _ = drawn(HILLS, 4500, "order")  # more than the sketch
+def test_order_and_place_of_the_map_do_not_matter(monkeypatch):
+    monkeypatch.setattr("forest_addon.stand.statistics.intensity.SKETCH", 600)
+    points, _ = drawn(HILLS, 900, "order")  # more than the sketch
     fit = fit_mixture(points, FIELD)
     again = fit_mixture(points[stream(1, "order").permutation(len(points))], FIELD)
     assert (again.centre == fit.centre).all()

@@ -74,7 +74,7 @@ def test_a_layer_of_trunks_and_branches_by_another_monte_carlo() -> None:
         (7.0, 9.0),
         (0.75, 2.25),
         edges,
-        150_000,
+        100_000,
         rng,
     )
     assert np.abs(10 * np.log10(found / plain)).max() < 1.0
@@ -86,7 +86,7 @@ def test_between_mirrors_nothing_is_lost() -> None:
     edges = np.geomspace(100.0, 400.0, 6)
     layer = Layer(0.0, (around(1e-9),), (even(0.25, 16),), 16.0, 1.0, HARD)
     ends = np.array([[0.0, 0.0, 6.0], [5.0, 0.0, 9.0]])
-    found = diffused(layer, *ends, edges, 8000, np.random.default_rng(3)).mean(0)[0]
+    found = diffused(layer, *ends, edges, 5000, np.random.default_rng(3)).mean(0)[0]
     middle = np.sqrt(edges[1:] * edges[:-1])
     plane = 4 * math.pi / 16.0 / (4 * math.pi * middle * 4.0 / 3.0)  # diffusion, D = c·l/3
     apart = 10 * np.log10(found / plane)

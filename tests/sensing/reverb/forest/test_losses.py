@@ -185,7 +185,7 @@ def test_filters_of_a_whole_transform_are_those_of_each_frequency(number):
 
 
 HEIGHT, REFLECTED = 1.5, -0.9
-Z = np.linspace(0.0, 60.0, 6001)[1:]
+Z = np.linspace(0.0, 60.0, 3001)[1:]
 FADE = np.cos(np.clip((Z - 20.0) / 40.0, 0.0, 1.0) * np.pi / 2) ** 2
 
 

@@ -149,29 +149,6 @@ def test_a_source_that_sends_one_way_sends_as_much_late_energy_as_its_mean() -> 
         assert abs(10 * np.log10(sum_of(turn) / (0.5 * alike))) < 0.7
 
 
-# ------------------------------------------------------------------------------------------- spheres
-# Transport against exact waves among finite scatterers in space: soft and hard spheres in a ball.
-
-RADIUS, WAVENUMBER, LONGEST, SAMPLES = 4.0, 5.0, 40.0, 512  # m; 1/m; m of path; of the pulses
-PAIRS = 8, 24  # sources; receivers of each, 2 m away
-
-
-def drawn(count: int, radius: float, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Spheres that overlap neither each other nor the ends; sources and their receivers."""
-    way = rng.normal(size=(PAIRS[0], 3))
-    sources = 0.5 * way / np.linalg.norm(way, axis=1, keepdims=True)
-    way = rng.normal(size=(*PAIRS, 3))
-    receivers = sources[:, None] + 2.0 * way / np.linalg.norm(way, axis=2, keepdims=True)
-    ends, found = np.concatenate([sources, receivers.reshape(-1, 3)]), np.empty((0, 3))
-    while len(found) < count:
-        place = rng.normal(size=3)
-        place *= RADIUS * rng.random() ** (1 / 3) / np.linalg.norm(place)
-        apart = np.linalg.norm(found - place, axis=1).min(initial=np.inf) > 2.0 * radius
-        if apart and np.linalg.norm(ends - place, axis=1).min() > radius:
-            found = np.vstack([found, place])
-    return found, sources, receivers
-
-
 # ---------------------------------------------------------------------------------------------- tail
 # Sound scattered more than once, as noise: its energy, its joint, and stands that are hard.
 

@@ -1,7 +1,6 @@
 """The sum over trunks: the promise of a tolerance over drawn scenes, and stands and records that are hard."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ from forest_addon.sensing.reverb.sums.tree_response import (
     weak_trunks,
 )
 from forest_addon.sensing.reverb.trunks import Trunks
-from forest_addon.spec import Air, Reverb, SpecError
+from forest_addon.spec import Air, Reverb
 
 slow, medium = pytest.mark.slow, pytest.mark.medium
 AIR = Air(sound_speed=343.0)
@@ -85,15 +84,6 @@ def forest(ends: tuple[np.ndarray, np.ndarray], leaves: float = 0.3, **changes: 
     return Losses.of(Reverb(**given), AIR, TrunkStand(0.05, (0.1, 0.2), leaves, 15.0), *ends)
 
 
-# Trunks, their radii in m, side of the stand in m, Hz, leaves (None: air alone), and what is unusual.
-SCENES: dict[str, tuple[int, tuple[float, float], float, float, float | None, dict[str, Any]]] = {
-    "441 thin trunks": (441, (0.007, 0.007), 100.0, 24e3, None, {}),
-    "one radius, leaves": (40, (0.15, 0.15), 40.0, 4e3, 0.5, {}),
-    "many radii, leaves": (30, (0.01, 0.5), 40.0, 4e3, 0.3, {"bark": 0.05}),
-    "up to a metre": (40, (0.05, 1.0), 60.0, 4e3, None, {}),
-}
-
-
 @pytest.mark.parametrize("cost", [0.0, math.inf], ids=["on a grid", "one by one"])
 def test_trunks_on_a_grid_and_one_by_one(cost: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whichever seems cheaper: near the record's begin, beyond its end, and at all parts of a sample."""
@@ -104,27 +94,17 @@ def test_trunks_on_a_grid_and_one_by_one(cost: float, monkeypatch: pytest.Monkey
         assert worst(paths, 8e3, tolerance, exact=exact) < 1.0, tolerance
 
 
-@slow
-@pytest.mark.parametrize("scene", SCENES)
-def test_tolerance_is_kept_in_every_band_and_at_every_time(scene: str) -> None:
-    count, radii, side, rate, leaves, changes = SCENES[scene]
-    paths, *ends = stand(count, radii, side, 10.0)
-    losses = None if leaves is None else forest(ends, leaves, **changes)
-    exact = exact_sum(paths, rate, losses)
-    for tolerance in (1e-2, 1e-4, 1e-6):
-        assert worst(paths, rate, tolerance, losses, exact=exact) < 1.0, tolerance
-
-
 @medium
 @pytest.mark.parametrize(
     ("count", "radii", "side", "rate", "tolerance", "air", "seconds"),
     [
+        (441, (0.007, 0.007), 100.0, 24e3, 1e-6, (20.0, 50.0, 101.3), None),
         (60, (0.1, 0.1), 100.0, 24e3, 1e-4, (-40.0, 0.01, 60.0), None),
         (60, (0.12, 0.12), 60.0, 4e3, 1e-5, (0.0, 3.0, 101.3), 0.08),  # ends among arrivals
-        pytest.param(5, (0.1, 0.1), 10.0, 192e3, 1e-4, (20.0, 50.0, 101.3), None, marks=slow),
+        pytest.param(2, (0.1, 0.1), 10.0, 192e3, 1e-4, (20.0, 50.0, 101.3), None, marks=slow),
     ],
 )
-def test_every_air(
+def test_every_air_and_rate(
     count: int,
     radii: tuple[float, float],
     side: float,
@@ -133,7 +113,8 @@ def test_every_air(
     air: tuple[float, float, float],
     seconds: float | None,
 ) -> None:
-    """At 192 kHz ka goes to 176, and the air takes 3 dB a metre at the band's end."""
+    """At 192 kHz ka goes to 176, and the air takes 3 dB a metre at the band's end. Stands of any radii,
+    leaves and grounds at low rates: ``sensing/test_tolerances``."""
     warm, humid, pressure = air
     state = Air(sound_speed=343.0, temperature_c=warm, humidity=humid, pressure_kpa=pressure)
     paths, *_ = stand(count, radii, side, 10.0)
@@ -159,7 +140,7 @@ def test_the_exact_sum_is_exact_at_all_times(radii: tuple[float, float]) -> None
 def test_the_exact_sum_with_every_loss_is_exact() -> None:
     paths, *ends = stand(3, (0.1, 0.3), 40.0, 10.0)
     losses = forest(ends, 1.0)
-    truth = sum_at_length(paths, 1000.0, 300, AIR, losses, 300.0)
+    truth = sum_at_length(paths, 1000.0, 300, AIR, losses, 150.0)
     found = direct_sum(paths, 1000.0, 300, AIR, None, losses, 1e-6)
     assert np.linalg.norm(found - truth) < 3e-8 * np.linalg.norm(truth)
 
@@ -331,12 +312,6 @@ def test_order_of_trunks_does_not_matter(radii: tuple[float, float]) -> None:
     assert shares[-1] == 1.0
 
 
-def test_what_cannot_be_kept_is_refused() -> None:
-    with pytest.raises(SpecError, match="tolerance"):
-        Reverb(tolerance=1e-12)
-    assert Reverb(tolerance=0.0).tolerance == 0.0
-
-
 # -------------------------------------------------------------------------------------------- record
 # How long a record is, and what a cut one says of itself.
 
@@ -351,16 +326,6 @@ def listen(trunks: Trunks, duration: float) -> ImpulseResponse:
         source=(-5.0, 0.0, 1.5), receiver=(5.0, 0.0, 1.5), sample_rate=8e3, duration=duration
     )
     return impulse_response(trunks, reverb, AIR)
-
-
-def test_a_record_goes_on_until_the_last_trunk() -> None:
-    trunks = record_forest(3000, 600.0)
-    found = listen(trunks, 0.0)
-    paths = trunk_paths(trunks, np.array([-5.0, 0.0]), np.array([5.0, 0.0]), 2.0, 0.7)
-    last = float(paths.length.max()) / 343.0
-    assert last < len(found.samples) / 8e3 <= last + AFTER + 1e-3
-    assert found.late == 0
-    assert (found.left_db == -np.inf).all()
 
 
 def test_a_record_ends_where_only_the_inaudible_is_left_and_at_the_longest() -> None:
@@ -408,6 +373,11 @@ def test_a_cut_record_says_so_and_has_no_reverberation_time() -> None:
     """The same forest, whole and cut after 0.3 s: its T30 would come out at half or less."""
     trunks = record_forest(3000, 600.0)
     whole, cut = listen(trunks, 0.0), listen(trunks, 0.3)
+    paths = trunk_paths(trunks, np.array([-5.0, 0.0]), np.array([5.0, 0.0]), 2.0, 0.7)
+    last = float(paths.length.max()) / 343.0
+    assert last < len(whole.samples) / 8e3 <= last + AFTER + 1e-3
+    assert whole.late == 0
+    assert (whole.left_db == -np.inf).all()
     assert cut.late > 2000
     assert (cut.left_db[2:] > -40.0).all()
     energy = [float(np.square(found.samples).sum()) for found in (whole, cut)]
@@ -458,7 +428,7 @@ def octave_norms(samples, rate):
 @pytest.mark.medium
 @pytest.mark.parametrize("model", ["paper", pytest.param("forest", marks=pytest.mark.slow)])
 def test_what_is_left_out_is_below_its_bound(model):
-    trunks, clap = record_stand(), CLAP.changed(model=model, tail="none", tolerance=0.0)
+    trunks, clap = record_stand(50), CLAP.changed(model=model, tail="none", tolerance=0.0)
     field = ((-60.0, -60.0), (120.0, 120.0))
     whole = impulse_response(trunks, clap, Air(), field=field)
     some = impulse_response(trunks, clap, Air(), field=field, all_trunks=False)
