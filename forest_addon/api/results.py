@@ -31,9 +31,9 @@ from ..results.points import ENDINGS, ending_of, write_points
 from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
+from ..sensing.reverb.channels import ImpulseResponse, channels_of
 from ..sensing.reverb.metrics import RoomMetrics, room_metrics
-from ..sensing.reverb.response import ImpulseResponse, channels_of
-from ..sensing.sonar.ping import Echo, PingSeries
+from ..sensing.sonar.echo import Echo, PingSeries
 from ..spec import Choice, Sensor, SpecError
 from .given import file_to_write, path_of, points_of
 

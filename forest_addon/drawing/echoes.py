@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..sensing.sonar.beam import Horseshoe, beam_offsets
-from ..sensing.sonar.ping import Echo, PingSeries
+from ..sensing.sonar.echo import Echo, PingSeries
 from ..sensing.sonar.station import SonarPose
 from ..spec import Sonar
 from .figures import blank_figure

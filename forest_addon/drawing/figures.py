@@ -27,7 +27,7 @@ from ..sensing.lidar.cloud import ESCAPED, Cloud
 from ..sensing.lidar.glance import range_image
 from ..sensing.lidar.tractor import TractorScan
 from ..sensing.reverb import metrics
-from ..sensing.reverb.response import ImpulseResponse
+from ..sensing.reverb.channels import ImpulseResponse
 from ..spec import Terrestrial
 from .palette import FAINT, INK, LEAF_GREEN, ORGANS, PAPER, RED, SKY
 from .strips import Plot

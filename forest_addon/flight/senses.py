@@ -21,8 +21,9 @@ from ..base.rng import stream
 from ..sensing.lidar.pattern import Sweep
 from ..sensing.lidar.scan import Scan
 from ..sensing.moving_rays import MovingCaster
+from ..sensing.sonar.echo import Echo
 from ..sensing.sonar.equipment_files import equip
-from ..sensing.sonar.ping import Echo, ping
+from ..sensing.sonar.ping import ping
 from ..sensing.sonar.station import SonarPose as Place
 from ..sensing.trajectory import Trajectory, frame_of, through
 from ..spec import Air, Flight, Mobile, Pose, Scene, Sonar

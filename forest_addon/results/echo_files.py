@@ -17,7 +17,7 @@ import numpy as np
 
 from ..formats.table import write_npz
 from ..formats.wav import write_wav
-from ..sensing.sonar.ping import Contributions, Echo, PingSeries
+from ..sensing.sonar.echo import Contributions, Echo, PingSeries
 from ..spec import Sonar
 from .coordinates import on_the_map
 

@@ -22,7 +22,7 @@ from ..base.labels import Labels
 from ..drawing.strips import Plot
 from ..sensing.kind import Seen
 from ..sensing.lidar.cloud import Cloud
-from ..sensing.sonar.ping import Contributions
+from ..sensing.sonar.echo import Contributions
 from .coordinates import Offset
 from .figures import Figure
 

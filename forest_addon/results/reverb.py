@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,16 +17,15 @@ from ..formats.sofa import write_responses
 from ..formats.table import write_csv, write_npz
 from ..formats.wav import write_wav
 from ..sensing.kind import Seen
-from ..sensing.reverb.auralise import auralise, background, resample
-from ..sensing.reverb.forest.surroundings import terms_of
+from ..sensing.reverb.channels import ImpulseResponse, channels_of
 from ..sensing.reverb.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
-from ..sensing.reverb.model_error import ModelError
-from ..sensing.reverb.moving import heard_moving, moves
-from ..sensing.reverb.response import ImpulseResponse, channels_of
 from ..spec import Reverb
 from .coordinates import Offset
 from .figures import Figure, numbers, sound_columns, words
 from .kind import ResultKind, Variables
+
+if TYPE_CHECKING:
+    from ..sensing.reverb.model_error import ModelError
 
 SHOWN_CHANNELS = 8  # whose names are listed
 
@@ -36,6 +36,8 @@ def _figures(reverb: Reverb, response: ImpulseResponse, seen: Seen | None) -> li
         from ..sensing.reverb.kind import trunks_of
 
         trunks = len(trunks_of(seen, reverb).radius)
+    from ..sensing.reverb.forest.surroundings import terms_of
+
     held, missing = terms_of(reverb, response.stand)
     name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
     return [
@@ -323,6 +325,9 @@ def wet_sound_of(
 
     Where source or receiver move, C are the channels of one moment, and the sound begins when the path does.
     """
+    from ..sensing.reverb.auralise import auralise, background, resample
+    from ..sensing.reverb.moving import heard_moving, moves
+
     rate = response.sample_rate
     mono = np.asarray(dry, np.float64)
     mono = resample(mono.mean(axis=1) if mono.ndim == 2 else mono, dry_rate, rate)

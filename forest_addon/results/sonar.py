@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,9 +13,7 @@ from ..base.words import keep
 from ..drawing.strips import Plot, sound_plot
 from ..formats.table import write_csv
 from ..sensing.kind import Seen
-from ..sensing.sonar.ping import Echo, PingSeries
-from ..sensing.sonar.receiver import Reception
-from ..sensing.sonar.rescattering import DENSE, LEAVES, density_of, nearest_leaves
+from ..sensing.sonar.echo import Echo, PingSeries
 from ..spec import Sonar, SonarReceiver
 from .coordinates import Offset
 from .echo_files import (
@@ -28,6 +26,9 @@ from .echo_files import (
 )
 from .figures import Figure, numbers, sound_columns, words
 from .kind import Finding, ResultKind, Variables
+
+if TYPE_CHECKING:
+    from ..sensing.sonar.receiver import Reception
 
 REFERENCE = 20e-6  # Pa, of levels of pressure
 
@@ -176,6 +177,8 @@ def _doubts(sonar: Sonar, found: Finding) -> tuple[str, ...]:
 
 def _doubts_about_density(found: Finding) -> tuple[str, ...]:
     """Return that leaves near the beam's axis are too dense for echoes of single leaves."""
+    from ..sensing.sonar.rescattering import DENSE, LEAVES, density_of, nearest_leaves
+
     leaves = nearest_leaves((loudest(found) if _is_flight(found) else found).groups)
     if leaves is None or len(leaves) < LEAVES or density_of(leaves) < DENSE:
         return ()

@@ -46,8 +46,8 @@ from forest_addon.sensing.reverb.forest.surroundings import canopy_of
 from forest_addon.sensing.reverb.kind import trunks_between
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks import continue_trunks
+from forest_addon.sensing.sonar.echo import Echo
 from forest_addon.sensing.sonar.equipment_files import equip
-from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.sensing.sonar.rescattering import nearest_leaves, rescattering
 from forest_addon.sensing.sonar.station import Station
 from forest_addon.sensing.trajectory import looking

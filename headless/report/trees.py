@@ -31,7 +31,8 @@ from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.own_tree.recognise import Recognition
 from forest_addon.growth.tree import Tree
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.sonar.ping import EchoTargets, ping
+from forest_addon.sensing.sonar.ping import ping
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Look, Rays, Sonar, Species
 
 TREE = 800  # pixels that a tree of a sheet has

@@ -21,8 +21,8 @@ from forest_addon.sensing.lidar.cloud import Cloud, Returns
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.lidar.waveform import Waveforms
-from forest_addon.sensing.reverb.pair import ImpulseResponse
-from forest_addon.sensing.sonar.ping import Contributions, Echo
+from forest_addon.sensing.reverb.channels import ImpulseResponse
+from forest_addon.sensing.sonar.echo import Contributions, Echo
 from forest_addon.sensing.sonar.receiver import Reception
 from forest_addon.sensing.sonar.station import SonarPose
 from forest_addon.spec import (

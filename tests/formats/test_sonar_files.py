@@ -16,8 +16,9 @@ from forest_addon.results.echo_files import write_echo
 from forest_addon.results.kinds import RESULTS, labelled_of
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_patterns, read_route
-from forest_addon.sensing.sonar.ping import EchoTargets, fly, ping
+from forest_addon.sensing.sonar.ping import fly, ping
 from forest_addon.sensing.sonar.station import posed, poses_of
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Scene, Sonar, SonarReceiver, SpecError
 
 LEAVES = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)

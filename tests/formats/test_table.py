@@ -14,8 +14,8 @@ from forest_addon.formats.tree_map import read_tree_map
 from forest_addon.results.figures import facts, words
 from forest_addon.results.kinds import RESULTS, figures_of
 from forest_addon.results.reverb import of_response
+from forest_addon.sensing.reverb.channels import ImpulseResponse
 from forest_addon.sensing.reverb.metrics import octave_bands
-from forest_addon.sensing.reverb.response import ImpulseResponse
 from forest_addon.spec import Reverb
 
 

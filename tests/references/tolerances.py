@@ -17,7 +17,8 @@ from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, arrival
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.sensing.sonar.calls import synthesise
-from forest_addon.sensing.sonar.ping import Echo, ping
+from forest_addon.sensing.sonar.echo import Echo
+from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Rays, Reverb, Sonar
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import bpy
 import numpy as np
@@ -26,7 +26,6 @@ from ...sensing.rays.inside import tree_around
 from ...sensing.rays.paths import SceneMotion
 from ...sensing.rays.search import Search
 from ...sensing.rays.tracks import BENT
-from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
 from ...stand.forest import PlacedTrees
@@ -35,6 +34,9 @@ from ..read.depsgraph import kept, lasting, read_scene, solids_in
 from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
 from .moving import WITHIN, SceneFollower, read_motion, seconds_of
+
+if TYPE_CHECKING:
+    from ...sensing.reverb.sums.fast_scattering import Expansions
 
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
@@ -55,7 +57,8 @@ class Observer:
         ends = (obj for obj in depsgraph.objects if obj.type in ENDS)
         self.places = {obj.name: tuple(obj.matrix_world.translation) for obj in ends}
         self.rays = rays or Rays()
-        self.expansions = Expansions() if expansions is None else expansions
+        if expansions is not None:
+            self.expansions = expansions
         self.ran: set[str] = set()  # kinds of sensors for which all is set up
         self._made: dict[Any, Any] = {}
         self._moving: dict[Sensor, MovingCaster] = {}
@@ -70,6 +73,13 @@ class Observer:
     ) -> Observer:
         """The observer of before, with all it has made, as long as nothing that it senses changes."""
         return kept(depsgraph, _renewed, rays, expansions)
+
+    @cached_property
+    def expansions(self) -> Expansions:
+        """Sums of sound set up so far; given, or made when a reverb first asks."""
+        from ...sensing.reverb.sums.fast_scattering import Expansions
+
+        return Expansions()
 
     @cached_property
     def names(self) -> list[str]:
@@ -302,7 +312,7 @@ def _renewed(
     """An observer of the scene as it is now: that of before, where what is sensed is the same."""
     new = Observer(depsgraph, rays, expansions)
     old = lasting.get("observer", new)
-    asked = old.rays == rays and expansions in (None, old.expansions)
+    asked = old.rays == rays and (expansions is None or expansions is old.expansions)
     if not asked or not _is_same(old.geometry, new.geometry):
         old = new
     old.places, lasting["observer"], lasting["changed"] = new.places, old, False

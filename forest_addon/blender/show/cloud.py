@@ -20,7 +20,7 @@ import numpy as np
 from ...base.labels import Labels
 from ...base.trimesh import DEAD, GROUND, LEAF, PART_NAMES, WOOD
 from ...sensing.lidar.cloud import Cloud, Returns
-from ...sensing.sonar.ping import Contributions
+from ...sensing.sonar.echo import Contributions
 from ..scene.attributes import read, write
 from ..scene.layout import (
     CLOUD_KEY,

@@ -24,11 +24,12 @@ from scipy import fft
 from ...acoustics.air import absorption
 from ..audit import LEAST, AuditPart, figures
 from .band import SPREAD, roll_off
+from .channels import ImpulseResponse
 from .forest.losses import loss_per_metre
 from .forest.tail import FADE, Tail
 from .hearing import OMNI_EAR, Hearing, encoded
 from .model_error import model_error
-from .pair import Gain, ImpulseResponse, Pair, filtered, trees_of
+from .pair import Gain, Pair, filtered, trees_of
 from .sums.bands import OctaveBand, bands_of
 from .sums.fast_scattering import FINEST, Expansions, arrivals_of, judged
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths

@@ -25,8 +25,9 @@ from ...base.rng import stream
 from ...formats.sofa import read_head
 from ...spec import Reverb
 from .auralise import resample
+from .channels import ImpulseResponse
 from .forest.tail import FADE
-from .pair import ImpulseResponse, Pair
+from .pair import Pair
 from .sums.fast_scattering import Expansions
 
 SECTORS = 36  # directions of level sound that a head tells apart

@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 
 from .band import SPREAD
-from .pair import ImpulseResponse
+from .channels import ImpulseResponse
 
 HALF, KAISER = (
     64,

@@ -35,26 +35,19 @@ import numpy as np
 from ...base.progress import Progress
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
+from .channels import ImpulseResponse
 from .directivity import OMNI, Directivity
 from .ends import Ends, ends_of
 from .forest.losses import Losses
 from .forest.surroundings import BARE, FoliageCanopy, Surroundings, surroundings
 from .hearing import OMNI_EAR, Hearing, encoded
-from .pair import ImpulseResponse, Pair, lines_of_sight
+from .pair import Pair, lines_of_sight
 from .sums.fast_scattering import Expansions
 from .sums.scattering import trunk_paths
 from .sums.tree_response import NEAREST, record_length
 from .trunks import Field, Trunks, continuation
 
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
-
-__all__ = ["ImpulseResponse", "channels_of", "impulse_response", "pairs_of"]
-
-
-def channels_of(found: ImpulseResponse) -> np.ndarray:
-    """(N,) samples of one channel, or (N, C) of several."""
-    samples = np.column_stack([channel.samples for channel in found.channels])
-    return samples[:, 0] if samples.shape[1] == 1 else samples
 
 
 def impulse_response(  # noqa: PLR0913 (all that a response depends on)

@@ -24,7 +24,8 @@ from ...spec import Air, Sonar
 from ..audit import LEAST, AuditPart, figure_error, figures, shares
 from ..rays.caster import RayCaster
 from .calls import Band, BandGrid, Call, grid_of
-from .ping import Echo, PingHearing, contributions, heard_from
+from .echo import Echo
+from .ping import PingHearing, contributions, heard_from
 from .receiver import receive
 from .search import Found
 from .station import Ears, Equipment, SonarPose, Station

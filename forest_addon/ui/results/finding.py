@@ -75,11 +75,12 @@ def unpack(data: bytes) -> Unpacked:
 
 def _records() -> dict[str, Callable[..., Any]]:
     """Makers of the records of a result, by name: no other is ever made of a file's bytes."""
+    from ...sensing.reverb.channels import ImpulseResponse
     from ...sensing.reverb.forest.clutter import Clutter
     from ...sensing.reverb.forest.losses import TrunkStand
     from ...sensing.reverb.model_error import ModelError
-    from ...sensing.reverb.pair import ImpulseResponse
-    from ...sensing.sonar.ping import Echo, PingSeries, Reception
+    from ...sensing.sonar.echo import Echo, PingSeries
+    from ...sensing.sonar.receiver import Reception
     from ...sensing.sonar.station import SonarPose
 
     found = [

@@ -15,8 +15,8 @@ from references.echoes import discs_of
 from forest_addon.formats.raster_file import write_png
 from forest_addon.results.echo_files import write_echo
 from forest_addon.results.reverb import write_response
+from forest_addon.sensing.reverb.channels import ImpulseResponse
 from forest_addon.sensing.reverb.metrics import octave_bands
-from forest_addon.sensing.reverb.response import ImpulseResponse
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.spec import Air, Sonar
 from headless.cli import main

@@ -14,11 +14,12 @@ from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import Offset
 from forest_addon.results.reverb import REVERB, wet_sound_of
 from forest_addon.sensing.reverb.auralise import auralise, normalised, resample
+from forest_addon.sensing.reverb.channels import ImpulseResponse, channels_of
 from forest_addon.sensing.reverb.directivity import CARDIOID, OMNI, Directivity, read_directivity
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.reverb.hearing import SECTORS, Ambisonics, hearing_of
 from forest_addon.sensing.reverb.moving import heard_moving
-from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of, impulse_response
+from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Place, Reverb, SpecError
 

@@ -16,7 +16,8 @@ from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import apply_transform
 from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
-from forest_addon.sensing.sonar.ping import Echo, fly, ping
+from forest_addon.sensing.sonar.echo import Echo
+from forest_addon.sensing.sonar.ping import fly, ping
 from forest_addon.sensing.sonar.shading import CELL, Extinction
 from forest_addon.sensing.sonar.station import Equipment, SonarPose, Station, posed
 from forest_addon.sensing.sonar.summation import factors

@@ -17,8 +17,9 @@ from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
 from forest_addon.sensing.sonar import search
 from forest_addon.sensing.sonar.beam import GaussianBeam, beam_offsets
-from forest_addon.sensing.sonar.leaves import LeafEchoes, leaf_discs
-from forest_addon.sensing.sonar.ping import Echo, LeafDiscs, ping
+from forest_addon.sensing.sonar.echo import Echo
+from forest_addon.sensing.sonar.leaves import LeafDiscs, LeafEchoes, leaf_discs
+from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.trajectory import frame_of
 from forest_addon.spec import Air
 from forest_addon.spec import Sonar as AnySonar

@@ -17,11 +17,13 @@ from forest_addon.formats.sofa import HeadResponses
 from forest_addon.sensing.sonar import calls
 from forest_addon.sensing.sonar.beam import MeasuredBeam, MeasuredSphere
 from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
+from forest_addon.sensing.sonar.echo import Echo
 from forest_addon.sensing.sonar.equipment_files import ears_of_head, equip
 from forest_addon.sensing.sonar.glance import COLUMNS, cochleagram
-from forest_addon.sensing.sonar.ping import Echo, EchoTargets, fly, ping
+from forest_addon.sensing.sonar.ping import fly, ping
 from forest_addon.sensing.sonar.receiver import REFERENCE, EchoReceiver, receive
 from forest_addon.sensing.sonar.station import Equipment, SonarPose, posed
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar, SonarReceiver, SpecError
 
 AIR = Air(sound_speed=340.0)

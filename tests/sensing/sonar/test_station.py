@@ -15,7 +15,8 @@ from forest_addon.sensing.sonar.beam import (
     MeasuredSphere,
     Omni,
 )
-from forest_addon.sensing.sonar.ping import Echo, ping
+from forest_addon.sensing.sonar.echo import Echo
+from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.station import Equipment, SonarPose, poses_of
 from forest_addon.sensing.trajectory import looking
 from forest_addon.spec import Air, Sonar, SpecError

@@ -15,8 +15,9 @@ from forest_addon.acoustics.disc import MODELS, backscatter_amplitude
 from forest_addon.base.trimesh import GROUND, OTHER, WOOD, TriMesh
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.results.sonar import SONAR
-from forest_addon.sensing.sonar.leaves import BETWEEN, FAR, VIEWS, LeafDiscs, LeafEchoes
-from forest_addon.sensing.sonar.ping import Echo, leaf_discs, ping
+from forest_addon.sensing.sonar.echo import Echo
+from forest_addon.sensing.sonar.leaves import BETWEEN, FAR, VIEWS, LeafDiscs, LeafEchoes, leaf_discs
+from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.rescattering import (
     DENSE,
     LEAVES,

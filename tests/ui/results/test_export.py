@@ -26,7 +26,7 @@ from forest_addon.results.dry_sounds import PEAK_DB, dry_sound
 from forest_addon.results.kinds import RESULTS
 from forest_addon.results.points import ENDINGS, POINT, can_write
 from forest_addon.sensing.reverb.auralise import auralise, normalised
-from forest_addon.sensing.reverb.response import channels_of
+from forest_addon.sensing.reverb.channels import channels_of
 from forest_addon.ui.results import finding, panel
 from forest_addon.ui.results.keep import follow_names, points_of
 from forest_addon.ui.results.panel import endings_of, heard_of

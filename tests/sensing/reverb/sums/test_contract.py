@@ -9,9 +9,10 @@ from references.reverb import sum_at_length
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
 from forest_addon.base.rng import stream
+from forest_addon.sensing.reverb.channels import ImpulseResponse
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.metrics import octave_bands, reverberation_time, room_metrics
-from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
+from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.sums import layer_sum
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, arrivals_of, judged
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
