@@ -8,10 +8,12 @@ same bits.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 
-def composed(first: Rotation, second: Rotation) -> Rotation:
+def composed(
+    first: scipy.spatial.transform.Rotation, second: scipy.spatial.transform.Rotation
+) -> scipy.spatial.transform.Rotation:
     """The product ``first * second``, which turns by ``second``, then by ``first``; one of them may be
     single, for all of the other."""
     p, q = (np.atleast_2d(one.as_quat()) for one in (first, second))
@@ -21,7 +23,7 @@ def composed(first: Rotation, second: Rotation) -> Rotation:
     product[:, 1] = p3 * q1 + q3 * p1 + (p2 * q0 - p0 * q2)
     product[:, 2] = p3 * q2 + q3 * p2 + (p0 * q1 - p1 * q0)
     product[:, 3] = p3 * q3 - p0 * q0 - p1 * q1 - p2 * q2
-    return Rotation.from_quat(product)
+    return scipy.spatial.transform.Rotation.from_quat(product)
 
 
 class Turning:
@@ -34,14 +36,17 @@ class Turning:
     ValueError : times that do not rise.
     """
 
-    def __init__(self, time: np.ndarray, attitude: Rotation) -> None:
+    def __init__(self, time: np.ndarray, attitude: scipy.spatial.transform.Rotation) -> None:
         if not (np.diff(time) > 0).all():
             raise ValueError("the times of attitudes must rise")
         self._time, self._from = time, attitude[:-1]
         self._turn = composed(self._from.inv(), attitude[1:]).as_rotvec()
 
-    def at(self, time: np.ndarray) -> Rotation:
+    def at(self, time: np.ndarray) -> scipy.spatial.transform.Rotation:
         """P attitudes at times (P,) from the first to the last."""
         row = np.maximum(np.searchsorted(self._time, time) - 1, 0)
         share = (time - self._time[row]) / np.diff(self._time)[row]
-        return composed(self._from[row], Rotation.from_rotvec(self._turn[row] * share[:, None]))
+        return composed(
+            self._from[row],
+            scipy.spatial.transform.Rotation.from_rotvec(self._turn[row] * share[:, None]),
+        )

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from .foreign import guarded
 
@@ -115,7 +115,9 @@ def _columns(group: Copies) -> dict[str, np.ndarray]:
     linear = group.transform[:, :, :3]
     size = np.linalg.norm(linear, axis=1)  # of each axis
     size = size * np.where(np.linalg.det(linear) < 0, -1.0, 1.0)[:, None]
-    turn = Rotation.from_matrix(linear / size[:, None, :]).as_quat()  # x, y, z, w
+    turn = scipy.spatial.transform.Rotation.from_matrix(
+        linear / size[:, None, :]
+    ).as_quat()  # x, y, z, w
     columns = {
         "TRANSLATION": group.transform[:, :, 3][:, [0, 2, 1]] * [1, 1, -1],
         "ROTATION": turn[:, [0, 2, 1, 3]] * [1, 1, -1, 1],

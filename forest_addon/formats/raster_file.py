@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import scipy  # loads a part when it is first asked
-from scipy.spatial import cKDTree
 
 from ..spec import SpecError
 from ..spec.forest import METRES
@@ -441,7 +440,7 @@ def linear_between(
 ) -> np.ndarray:
     """(...) what is linear between points (N, 2) of values (N,) at places (..., 2); beyond those the value
     of the nearest within reach, else NaN."""
-    away, nearest = cKDTree(known).query(at)
+    away, nearest = scipy.spatial.cKDTree(known).query(at)
     between = np.where(away <= reach, values[nearest], np.nan)
     if len(known) > 3:
         linear = scipy.interpolate.LinearNDInterpolator(known, values)(at)

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from ..spec import SpecError
 from .crs import moved, refuse_far
@@ -529,7 +529,7 @@ def _shape(geometry: Mapping[str, Any]) -> dict[str, Any]:
         return dict(zip("xy", np.ravel(corners).tolist(), strict=False))
     outlines = [rings[0] for rings in ([corners] if kind == "Polygon" else corners)]
     outline = max(outlines, key=len)
-    hull = ConvexHull(np.array([corner[:2] for corner in outline], dtype=np.float64))
+    hull = scipy.spatial.ConvexHull(np.array([corner[:2] for corner in outline], dtype=np.float64))
     first, *ring = hull.points[hull.vertices]
     middles = (first + ring[:-1] + ring[1:]) / 3  # of a fan of triangles
     area = np.linalg.det(np.stack([ring[:-1] - first, ring[1:] - first], axis=1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import betaincinv, ndtr, ndtri
+import scipy
 
 from ..base.rng import keyed_uniform
 from ..spec import Discrete, Inclination, Normal
@@ -16,8 +16,10 @@ def draw_normal(spread: Normal, keys: np.ndarray, purpose: str) -> np.ndarray:
     if spread.sd == 0:
         return np.full(len(keys), spread.mean)
     low, high = ((bound - spread.mean) / spread.sd for bound in spread.bounds())
-    share = ndtr(low) + (ndtr(high) - ndtr(low)) * keyed_uniform(keys, purpose)
-    value = spread.mean + spread.sd * ndtri(share)
+    share = scipy.special.ndtr(low) + (
+        scipy.special.ndtr(high) - scipy.special.ndtr(low)
+    ) * keyed_uniform(keys, purpose)
+    value = spread.mean + spread.sd * scipy.special.ndtri(share)
     return np.asarray(np.clip(value, *spread.bounds()))  # rounding at the ends
 
 
@@ -38,4 +40,4 @@ def draw_inclination(spread: Inclination, keys: np.ndarray) -> np.ndarray:
         return np.asarray(np.interp(share, below / below[-1], classes))
     mean, spare = spread.mean_deg / 90, (spread.sd_deg / 90) ** 2
     both = mean * (1 - mean) / spare - 1  # the sum of the beta distribution's two parameters
-    return np.asarray(np.pi / 2 * betaincinv(mean * both, (1 - mean) * both, share))
+    return np.asarray(np.pi / 2 * scipy.special.betaincinv(mean * both, (1 - mean) * both, share))

@@ -17,7 +17,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ..base.attitudes import Turning
 from ..base.vectors import azimuth_of, elevation_of
@@ -37,7 +37,7 @@ class Trajectory:
 
     time: np.ndarray
     position: np.ndarray
-    attitude: Rotation
+    attitude: scipy.spatial.transform.Rotation
     frame: np.ndarray | None = None
     velocity: np.ndarray | None = None
     width: np.ndarray | None = None
@@ -77,7 +77,7 @@ class Trajectory:
             some(self.width),
         )
 
-    def at(self, time: np.ndarray) -> tuple[np.ndarray, Rotation]:
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, scipy.spatial.transform.Rotation]:
         """(P, 3) positions and P attitudes, platform to world, at times (P,); before the first pose and after
         the last the platform stands still."""
         time = np.clip(time, self.time[0], self.time[-1])
@@ -126,7 +126,7 @@ def _framed(
     velocity: np.ndarray | None = None,
     width: np.ndarray | None = None,
 ) -> Trajectory:
-    attitude = Rotation.from_matrix(frame.transpose(0, 2, 1))
+    attitude = scipy.spatial.transform.Rotation.from_matrix(frame.transpose(0, 2, 1))
     return Trajectory(time, position, attitude, frame, velocity, width)
 
 
@@ -155,7 +155,7 @@ def through(poses: Sequence[Pose]) -> Trajectory:
         time=np.array([pose.time for pose in poses]),
         position=np.array([pose.position for pose in poses]),
         # pitch: the nose, X, goes up for a turn about -Y
-        attitude=Rotation.from_euler("ZYX", angles),
+        attitude=scipy.spatial.transform.Rotation.from_euler("ZYX", angles),
     )
 
 
@@ -202,7 +202,7 @@ def along(points: np.ndarray, speed: float) -> Trajectory:
     tangent = np.concatenate([tangent[:1], tangent[:-1] + tangent[1:], tangent[-1:]])
     heading = np.unwrap(azimuth_of(tangent))
     pitch = elevation_of(tangent)
-    attitude = Rotation.from_euler("ZY", np.column_stack([heading, -pitch]))
+    attitude = scipy.spatial.transform.Rotation.from_euler("ZY", np.column_stack([heading, -pitch]))
     return Trajectory(np.concatenate([[0.0], np.cumsum(length)]) / speed, points, attitude)
 
 
@@ -231,7 +231,7 @@ class Strips(Trajectory):
 
     flight: Airborne | None = None
 
-    def at(self, time: np.ndarray) -> tuple[np.ndarray, Rotation]:
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, scipy.spatial.transform.Rotation]:
         """See ``Trajectory``."""
         flight = self.flight
         assert flight is not None
@@ -249,7 +249,7 @@ class Strips(Trajectory):
             + (strip * flight.spacing)[:, None] * right
         )
         turn = np.where(back, heading + np.pi, heading)
-        return where, Rotation.from_euler("Z", turn[:, None])
+        return where, scipy.spatial.transform.Rotation.from_euler("Z", turn[:, None])
 
 
 def strips(flight: Airborne) -> Strips:
@@ -266,7 +266,7 @@ def strips(flight: Airborne) -> Strips:
     return Strips(
         time=np.repeat(np.arange(flight.strips + 1), 2)[1:-1] * strip_time,
         position=ends.reshape(-1, 3),
-        attitude=Rotation.from_euler("Z", turn[:, None]),
+        attitude=scipy.spatial.transform.Rotation.from_euler("Z", turn[:, None]),
         flight=flight,
     )
 

@@ -14,8 +14,7 @@ larger leaf area index than closed ones have. A crown stands aside of its stem, 
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.special import ndtr, ndtri
+import scipy
 
 Pairs = tuple[np.ndarray, np.ndarray]
 KERNEL = 1.0  # standard deviation of the kernel over the mean width of crowns
@@ -73,10 +72,12 @@ def _near(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Pairs of trees, their weights in 1/m², and the share of the kernel of each tree that lies within."""
     sd = _spread(width)
-    a, b = cKDTree(place).query_pairs(REACH * sd, output_type="ndarray").T
+    a, b = scipy.spatial.cKDTree(place).query_pairs(REACH * sd, output_type="ndarray").T
     weight = np.exp(-((place[a] - place[b]) ** 2).sum(axis=1) / (2 * sd**2)) / (2 * np.pi * sd**2)
     low, high = place.min(axis=0), place.max(axis=0)
-    seen = np.prod(ndtr((high - place) / sd) - ndtr((low - place) / sd), axis=1)
+    seen = np.prod(
+        scipy.special.ndtr((high - place) / sd) - scipy.special.ndtr((low - place) / sd), axis=1
+    )
     return a, b, weight, np.maximum(seen, 0.2)
 
 
@@ -105,15 +106,15 @@ def competed(uniform: np.ndarray, found: np.ndarray) -> np.ndarray:
     """(N, 4) uniform numbers of ``MEASURES`` with the scores (N,) in those of crown width and base."""
     mixed = uniform.copy()
     for column, weight in ((1, WIDTH), (2, BASE)):
-        noise = weight * found + np.sqrt(1 - weight**2) * ndtri(uniform[:, column])
-        mixed[:, column] = np.clip(ndtr(noise), 1e-6, 1 - 1e-6)
+        noise = weight * found + np.sqrt(1 - weight**2) * scipy.special.ndtri(uniform[:, column])
+        mixed[:, column] = np.clip(scipy.special.ndtr(noise), 1e-6, 1 - 1e-6)
     return mixed
 
 
 def claimants(place: np.ndarray, height: np.ndarray, width: np.ndarray, share: float) -> Pairs:
     """(M,) trees, and (M,) neighbours of each that may hold light back from within so many of its radii."""
     reach = (share + CLAIMS) * float(width.max()) / 2
-    a, b = cKDTree(place).query_pairs(reach, output_type="ndarray").T
+    a, b = scipy.spatial.cKDTree(place).query_pairs(reach, output_type="ndarray").T
     tree, other = np.concatenate([a, b]), np.concatenate([b, a])
     apart_by = np.linalg.norm(place[tree] - place[other], axis=1)
     near = apart_by < (share * width[tree] + CLAIMS * width[other]) / 2

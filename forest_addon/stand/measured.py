@@ -23,7 +23,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from ..base.rng import child_keys, first_key, keyed_uniform, stream
 from ..base.vectors import azimuth_of
@@ -114,7 +114,9 @@ def with_targets(
     if not groups:
         return MeasuredTrees(stand, wanted, variants, tuple(laws), tuple(ignored))
     wanted, variant, scale = wanted.copy(), stand.variant.copy(), stand.scale.copy()
-    site = ndtri(keyed_uniform(child_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
+    site = scipy.special.ndtri(
+        keyed_uniform(child_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site")
+    )
     site *= np.sqrt(1 - np.array([0.0, WIDTH, BASE, 0.0]) ** 2)  # without what is competition's
     competition = _scores(stand, groups)
     for group in groups:

@@ -29,7 +29,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from ..base.rng import stream, uniform_at
 from ..base.rows import Drawn, blocks
@@ -545,13 +545,13 @@ def _rivals(
     points: np.ndarray, of: np.ndarray, among: np.ndarray, age: np.ndarray, spacing: Spacing
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Trees ``of`` (Q,), each with an older one ``among`` (M,) that is too near, in portions. age : (N,)."""
-    tree, reach = cKDTree(points[among]), spacing.reach() * (1 + 1e-9)
+    tree, reach = scipy.spatial.cKDTree(points[among]), spacing.reach() * (1 + 1e-9)
     queries = points[of]
     some = queries[:: max(1, len(queries) // 1000)]
     most = tree.query_ball_point(some, reach, return_length=True).max(initial=0)
     portion = max(PORTION // int(most + 1), 1)
     for first in range(0, len(queries), portion):
-        part = cKDTree(queries[first : first + portion])
+        part = scipy.spatial.cKDTree(queries[first : first + portion])
         pairs = part.sparse_distance_matrix(tree, reach, output_type="ndarray")
         one, other = of[first + pairs["i"]], among[pairs["j"]]
         older = age[other] < age[one]

@@ -16,7 +16,7 @@ from threading import Lock
 from weakref import WeakKeyDictionary, proxy
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ...base.trimesh import TriMesh
 from ...sensing.moving import MovingScene, PieceWindow
@@ -368,6 +368,6 @@ def quaternions(transform: np.ndarray) -> np.ndarray:
     parts = np.zeros((len(transform), 16))
     parts[:, :3] = np.diagonal(shape, axis1=1, axis2=2)
     parts[:, 3], parts[:, 4], parts[:, 5] = shape[:, 0, 1], shape[:, 0, 2], shape[:, 1, 2]
-    parts[:, 9:13] = Rotation.from_matrix(turn).as_quat()[:, [3, 0, 1, 2]]
+    parts[:, 9:13] = scipy.spatial.transform.Rotation.from_matrix(turn).as_quat()[:, [3, 0, 1, 2]]
     parts[:, 13:] = transform[:, :, 3]
     return np.ascontiguousarray(parts, dtype=np.float32)

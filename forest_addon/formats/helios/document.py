@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ...spec import SpecError
 from ..foreign import guarded
@@ -291,20 +291,20 @@ def place_of(element: Element | None, where: Path) -> np.ndarray:
     return np.array([number(given, axis, where, 0.0) for axis in "xyz"])
 
 
-def rotation_of(element: Element | None, where: Path) -> Rotation:
+def rotation_of(element: Element | None, where: Path) -> scipy.spatial.transform.Rotation:
     """Turns of an element in their order, about the fixed axes; about the turned ones where it says "local".
 
     Raises
     ------
     SpecError : an axis that is not x, y or z.
     """
-    total = Rotation.identity()
+    total = scipy.spatial.transform.Rotation.identity()
     local = element is not None and element.get("rotations") == "local"
     for turn in [] if element is None else element.findall("rot"):
         axis = AXES.get(turn.get("axis", "").lower())
         if axis is None:
             raise SpecError(str(where), f'rot axis = "{turn.get("axis", "")}" is not x, y or z')
         angle = np.deg2rad(number(turn, "angle_deg", where))
-        step = Rotation.from_rotvec(angle * np.array(axis))
+        step = scipy.spatial.transform.Rotation.from_rotvec(angle * np.array(axis))
         total = total * step if local else step * total
     return total

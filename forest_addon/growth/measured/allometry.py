@@ -44,8 +44,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from scipy.spatial import ConvexHull, QhullError
-from scipy.special import ndtr, ndtri
 
 from ...base.rng import keyed_uniform
 from ...spec import Allometry, Law, Normal, SpecError, Targets
@@ -250,7 +248,7 @@ def draw(
             given[rows, 0] = measures(kind, dbh[rows], z)[:, 0]
     known = np.isfinite(given)
     z = np.clip(scores(kind, dbh, given), -4, 4)
-    noise = ndtri(uniform)
+    noise = scipy.special.ndtri(uniform)
     own = np.array([getattr(kind, name).within for name in MEASURES])
     matrix = correlation_matrix(kind)
     for pattern in np.unique(known, axis=0):
@@ -292,8 +290,8 @@ def correlation_matrix(kind: Allometry) -> np.ndarray:
 
 def _cut(z: np.ndarray) -> np.ndarray:
     """Normals to normals within ±``LIMIT``, by inversion."""
-    low, high = ndtr(-LIMIT), ndtr(LIMIT)
-    return np.asarray(ndtri(low + (high - low) * ndtr(z)))
+    low, high = scipy.special.ndtr(-LIMIT), scipy.special.ndtr(LIMIT)
+    return np.asarray(scipy.special.ndtri(low + (high - low) * scipy.special.ndtr(z)))
 
 
 def half_of_surface(
@@ -714,13 +712,15 @@ def width_of(points: np.ndarray) -> float:
     flat = points[:, :2]
     try:
         if len(flat) > MANY:  # what lies within the hull of some cannot be on that of all
-            some = ConvexHull(flat[:: len(flat) // MANY])
+            some = scipy.spatial.ConvexHull(flat[:: len(flat) // MANY])
             middle = some.points[some.vertices].mean(axis=0)
             inner = -float((some.equations[:, :2] @ middle + some.equations[:, 2]).max())
             x, y = flat[:, 0] - middle[0], flat[:, 1] - middle[1]
             flat = flat[x * x + y * y >= (0.999 * inner) ** 2]
-        return float(ConvexHull(flat).area) / np.pi  # in the plane "area" is the perimeter
-    except QhullError:  # all in a line
+        return (
+            float(scipy.spatial.ConvexHull(flat).area) / np.pi
+        )  # in the plane "area" is the perimeter
+    except scipy.spatial.QhullError:  # all in a line
         return 2 * float(np.linalg.norm(np.ptp(flat, axis=0))) / np.pi
 
 

@@ -33,7 +33,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from ...base.rng import child_keys, keyed_normal, keyed_uniform
 from ...base.runs import numbered, sums
@@ -110,7 +110,7 @@ def colonise(
     if scaffold is not None and crown.gaps:
         limbs, bearing = scaffold
         # Those that are nearest to limbs, so that the sky shows between limbs.
-        away, _ = cKDTree(limbs.place[~limbs.trunk | bearing]).query(points)
+        away, _ = scipy.spatial.cKDTree(limbs.place[~limbs.trunk | bearing]).query(points)
         points = points[np.sort(np.argsort(away, kind="stable")[: crown.points])]
         volume *= 1 - crown.gaps
     apart = (volume / max(len(points), 1)) ** (1 / 3)
@@ -135,7 +135,7 @@ def colonise(
     for _ in range(MOST_ROUNDS):
         if not len(points) or not len(fresh):
             break
-        distance, nearest_new = cKDTree(fresh).query(points)
+        distance, nearest_new = scipy.spatial.cKDTree(fresh).query(points)
         nearer = distance < near
         near = np.where(nearer, distance, near)
         owner = np.where(nearer, number[nearest_new], owner)

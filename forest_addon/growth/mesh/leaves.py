@@ -19,8 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from ...base.rows import RowTable
 from ...base.runs import Runs
@@ -159,8 +158,10 @@ def pieces_of(
     if run is not None:
         on = run[1:] == run[:-1]
         one, other = np.append(one, corner[:-1, 0][on]), np.append(other, corner[1:, 0][on])
-    links = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(used), len(used)))
-    return np.asarray(connected_components(links, directed=False)[1][corner[:, 0]])
+    links = scipy.sparse.coo_matrix((np.ones(len(one)), (one, other)), shape=(len(used), len(used)))
+    return np.asarray(
+        scipy.sparse.csgraph.connected_components(links, directed=False)[1][corner[:, 0]]
+    )
 
 
 def _extents(

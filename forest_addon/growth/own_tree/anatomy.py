@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from ...base.rows import RowTable, lengths
 from ...base.runs import Runs, bounds, numbered
@@ -407,7 +407,7 @@ def hold(
     samples = np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
     many = samples.shape[1]
     samples = np.column_stack([samples.reshape(-1, 3), APART * np.repeat(owner, many)])
-    tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
+    tree = scipy.spatial.cKDTree(samples, balanced_tree=False, compact_nodes=False)
     _, nearest_triangles = tree.query(np.column_stack([point, APART * bearer]), NEAREST)
     nearest_triangles = np.minimum(nearest_triangles, many * len(owner) - 1) // many
     row = np.repeat(np.arange(len(point)), NEAREST)

@@ -18,9 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
+import scipy
 
 from ...base.rows import lengths
 from ...base.runs import Runs, along_lines, bounds, numbered, sums
@@ -75,7 +73,7 @@ class Centrelines:
 class _Samples:
     """Places on the surface: all vertices, then places along edges that are long for their piece."""
 
-    of_vertices: csr_matrix  # (M, V) how much of each vertex a place is
+    of_vertices: scipy.sparse.csr_matrix  # (M, V) how much of each vertex a place is
     piece: np.ndarray  # (M,)
     weight: np.ndarray  # (M,) length of edge that each place stands for
 
@@ -117,8 +115,10 @@ def distance_from(pieces: Pieces, roots: np.ndarray) -> np.ndarray:
     """(V,) distance along edges from the nearest of the root vertices."""
     one, other = pieces.edges.T
     length = np.maximum(lengths(pieces.vertices[one] - pieces.vertices[other]), 1e-300)
-    graph = csr_matrix((length, (one, other)), shape=(len(pieces.vertices),) * 2)
-    return np.asarray(dijkstra(graph, directed=False, indices=roots, min_only=True))
+    graph = scipy.sparse.csr_matrix((length, (one, other)), shape=(len(pieces.vertices),) * 2)
+    return np.asarray(
+        scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=roots, min_only=True)
+    )
 
 
 def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
@@ -133,7 +133,7 @@ def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
     inner = steps - 1
     edge, number = numbered(inner)
     part, many = (number + 1) / steps[edge], len(owner)
-    places = csr_matrix(
+    places = scipy.sparse.csr_matrix(
         (
             np.concatenate([np.ones(many), np.stack([1 - part, part], axis=1).ravel()]),
             np.concatenate([np.arange(many, dtype=np.int32), pieces.edges[edge].ravel()]),
@@ -165,7 +165,7 @@ def _average(
     before = np.minimum(place.astype(np.int64), stretches[samples.piece] - 1)
     knot = first[samples.piece] + before
     after = (place - before) * samples.weight
-    hats = csc_matrix(
+    hats = scipy.sparse.csc_matrix(
         (
             np.stack([samples.weight - after, after], axis=1).ravel(),
             np.stack([knot, knot + 1], axis=1).ravel(),
@@ -367,7 +367,7 @@ class _Balls:
     radius: np.ndarray  # (B,)
     spacing: np.ndarray  # (B,) to the next in its cone
     centre: np.ndarray  # (B, 3)
-    search: cKDTree
+    search: scipy.spatial.cKDTree
 
     def query(self, points: np.ndarray, count: int) -> np.ndarray:
         """(N, k) the nearest to each point."""
@@ -414,7 +414,7 @@ class Tubes:
         groups = []
         for own in (np.flatnonzero(group == number) for number in np.unique(group)):
             lifted = np.sqrt(np.maximum(radius[own].max() ** 2 - radius[own] ** 2, 0.0))
-            search = cKDTree(np.column_stack([centre[own], lifted]))
+            search = scipy.spatial.cKDTree(np.column_stack([centre[own], lifted]))
             groups.append(_Balls(of[own], radius[own], apart[own], centre[own], search))
         return cls(
             lines.knot[start], vector, length, ends, lines.along[start], owner[start], tuple(groups)

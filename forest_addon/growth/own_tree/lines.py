@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from ...base.rows import RowTable
 from ...base.vectors import azimuth_of, cross_rows
@@ -116,7 +116,7 @@ def nearest(lines: Lines, line: np.ndarray, point: np.ndarray) -> tuple[np.ndarr
     start = lines.knot[np.arange(len(lines.length)) + lines.line]
     way = lines.knot[np.arange(len(lines.length)) + lines.line + 1] - start
     apart = 4.0 * float(np.ptp(lines.knot, axis=0).max() + np.ptp(point, axis=0).max())
-    tree = cKDTree(np.column_stack([start + way / 2, apart * lines.line]))
+    tree = scipy.spatial.cKDTree(np.column_stack([start + way / 2, apart * lines.line]))
     guess = tree.query(np.column_stack([point, apart * line]), workers=-1)[1]
     low, high = lines.first[line], lines.first[line + 1] - 1
     squared = np.maximum(np.einsum("si,si->s", way, way), np.finfo(float).tiny)

@@ -28,9 +28,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from ...base.rows import distinct, lengths
 from ...base.runs import sums
@@ -249,7 +247,7 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     index = np.empty(len(key), dtype=np.int64)
     index[order] = np.cumsum(begins) - 1
 
-    search = cKDTree(vertices, balanced_tree=False, compact_nodes=False)
+    search = scipy.spatial.cKDTree(vertices, balanced_tree=False, compact_nodes=False)
     near = search.query_pairs(WELD * extent, output_type="ndarray")
     if not len(near):
         return vertices, index.reshape(-1, 3)
@@ -261,8 +259,10 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def join_along(pairs: np.ndarray, nodes: int) -> np.ndarray:
     """(nodes,) which of them pairs (N, 2) join: one number for all that hang together."""
-    graph = coo_matrix((np.ones(len(pairs), dtype=bool), pairs.T), shape=(nodes, nodes))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    graph = scipy.sparse.coo_matrix(
+        (np.ones(len(pairs), dtype=bool), pairs.T), shape=(nodes, nodes)
+    )
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1])
 
 
 def edge_keys(triangles: np.ndarray, vertices: int) -> np.ndarray:
@@ -340,7 +340,7 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
         owner = np.repeat(np.arange(len(left)), [len(groups[k].facets) for k in left])
         middle = pieces.vertices[pieces.triangles].mean(axis=1)
         source = owner[
-            cKDTree(facets.mean(axis=1)).query(middle)[1]
+            scipy.spatial.cKDTree(facets.mean(axis=1)).query(middle)[1]
         ]  # the facet with the same middle
         area = pieces.area
         total = np.bincount(source, area, len(left))

@@ -22,7 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from ...base.rows import RowTable
 from ...base.runs import Runs, firsts, numbered, sums
@@ -676,7 +676,7 @@ def _stacked_ends(lines: Centrelines) -> np.ndarray:
     row = np.flatnonzero(fit)
     if len(row) < 2:
         return np.empty((0, 2), np.int64)
-    near = cKDTree(ends[row]).query(ends[row], k=min(8, len(row)))[1]
+    near = scipy.spatial.cKDTree(ends[row]).query(ends[row], k=min(8, len(row)))[1]
     one = np.repeat(row, near.shape[1])
     other = row[near].ravel()
     kept = one // 2 < other // 2
@@ -718,5 +718,5 @@ def _ties(pieces: Pieces, lines: Centrelines, one: int, other: int) -> np.ndarra
         corners = begin + np.flatnonzero(away <= TIED * lines.end_radius[piece, last])
         rows.append(corners if len(corners) else begin + np.argsort(away)[:1])
     a, b = rows
-    nearest = b[cKDTree(pieces.vertices[b]).query(pieces.vertices[a])[1]]
+    nearest = b[scipy.spatial.cKDTree(pieces.vertices[b]).query(pieces.vertices[a])[1]]
     return np.stack([a, nearest, nearest], axis=1)

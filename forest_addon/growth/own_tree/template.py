@@ -29,7 +29,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from scipy.spatial import cKDTree
 
 from ...base.rng import child_keys, stream, truncated_normal
 from ...base.runs import numbered
@@ -86,7 +85,7 @@ class BranchTemplate:
             places = np.concatenate([corners, (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
             owner = np.repeat(leaf_mesh.leaf, places.shape[1])
             places = places.reshape(-1, 3)
-            gap = cKDTree(wood.vertices).query(places)[0]
+            gap = scipy.spatial.cKDTree(wood.vertices).query(places)[0]
             farthest_first = np.argsort(-gap, kind="stable")
             foot[owner[farthest_first]] = places[farthest_first]
         hanging = leaf_mesh.vertices - foot[leaf_of_vertex]

@@ -19,9 +19,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.special import xlogy
+import scipy
 
 from ... import kernels
 from ...base.rng import keyed_uniform
@@ -42,7 +40,7 @@ def radii(subrays: int) -> np.ndarray:
     if subrays == 1:
         return np.zeros(1)
     edge = 1 - np.arange(subrays + 1) / subrays
-    inside = (edge - xlogy(edge, edge)) / 2  # the integral of -ln(q)/2
+    inside = (edge - scipy.special.xlogy(edge, edge)) / 2  # the integral of -ln(q)/2
     return np.sqrt(np.maximum(-np.diff(inside) * subrays, 0.0))
 
 
@@ -230,8 +228,8 @@ def _patches(
     )
     linked &= cosines(one[3], other[3]) > ALIKE
     links = (np.ones(np.count_nonzero(linked), dtype=bool), (i[both[linked]], j[both[linked]]))
-    graph = coo_array(links, shape=(len(subray), len(subray)))
-    return connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.coo_array(links, shape=(len(subray), len(subray)))
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
 
 
 def _plane(one: tuple[np.ndarray, ...], other: tuple[np.ndarray, ...]) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ...base.attitudes import composed
 from ...base.rows import RowTable
@@ -109,7 +109,7 @@ class Sweep:
         self._scanner, self._path = scanner, path
         self._field = np.deg2rad(scanner.field_deg)
         roll, pitch, yaw = np.deg2rad(scanner.mount_deg)
-        self.mount = Rotation.from_euler("ZYX", [yaw, -pitch, roll])
+        self.mount = scipy.spatial.transform.Rotation.from_euler("ZYX", [yaw, -pitch, roll])
         # A platform that stands still sweeps one line, or turns once.
         duration = path.duration or 1 / scanner.line_rate
         refuse_absurd("speed", duration * scanner.pulse_rate, scanner.beam.subrays)

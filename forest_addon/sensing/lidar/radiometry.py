@@ -13,7 +13,7 @@ A pulse of several sub-rays adds theirs up, each with its share of the energy.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ... import kernels
 from ...base.rng import child_keys, keyed_normal, keyed_uniform
@@ -170,7 +170,9 @@ def range_error(
     return np.sqrt(variance) * keyed_normal(keys, "range")
 
 
-def registration(noise: Noise, key: np.ndarray, time: np.ndarray) -> tuple[Rotation, np.ndarray]:
+def registration(
+    noise: Noise, key: np.ndarray, time: np.ndarray
+) -> tuple[scipy.spatial.transform.Rotation, np.ndarray]:
     """Rotations and shifts (P, 3), metres, by which pulses sent at times (P,) s of a scan with this key (1,)
     are joined amiss; one for all where the error does not change.
 
@@ -195,7 +197,7 @@ def registration(noise: Noise, key: np.ndarray, time: np.ndarray) -> tuple[Rotat
         )
         for what in ("turn", "shift")
     )
-    turns = Rotation.from_rotvec(np.deg2rad(noise.registration_deg) * turn)
+    turns = scipy.spatial.transform.Rotation.from_rotvec(np.deg2rad(noise.registration_deg) * turn)
     return turns, noise.registration_sd * shift
 
 

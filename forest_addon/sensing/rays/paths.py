@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ...base.attitudes import composed
 from ...base.rows import distinct
@@ -92,7 +92,10 @@ class PathTable:
         u, size, v = np.linalg.svd(every[:, :, :3])
         sign = np.where(np.linalg.det(u @ v) < 0, -1.0, 1.0)[:, None, None]
         self._shape = sign * ((v.transpose(0, 2, 1) * size[:, None, :]) @ v)
-        self._place, self._turn = every[:, :, 3], Rotation.from_matrix(sign * (u @ v))
+        self._place, self._turn = (
+            every[:, :, 3],
+            scipy.spatial.transform.Rotation.from_matrix(sign * (u @ v)),
+        )
         turn = self._turn
         self._round = (turn[:-1].inv() * turn[1:]).as_rotvec()  # in the part's own frame
         self._ends = np.array([[path.time[0], path.time[-1]] for path in paths])
@@ -131,8 +134,10 @@ class PathTable:
         change[(time < ends[:, 0]) | (time > ends[:, 1])] = 0.0
         return change
 
-    def _turned(self, row: np.ndarray, share: np.ndarray) -> Rotation:
-        return composed(self._turn[row], Rotation.from_rotvec(share * self._round[row]))
+    def _turned(self, row: np.ndarray, share: np.ndarray) -> scipy.spatial.transform.Rotation:
+        return composed(
+            self._turn[row], scipy.spatial.transform.Rotation.from_rotvec(share * self._round[row])
+        )
 
     def _between(
         self, which: np.ndarray, time: np.ndarray, beyond: bool = False

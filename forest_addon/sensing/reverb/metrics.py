@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy
 
 ONSET_DB = -20.0
 BELOW = 10.0  # dB that the energy after the record must lie below the end of a decay that is read
@@ -176,13 +176,13 @@ def octave(samples: np.ndarray, sample_rate: float, middle: float) -> np.ndarray
     The power gains of neighbouring octaves add up to 1: the energy of a sound is that of its octaves.
     """
     ringing = math.ceil(8.0 / (RAMP * middle) * sample_rate)  # also before the samples
-    size = fft.next_fast_len(len(samples) + ringing, real=True)
+    size = scipy.fft.next_fast_len(len(samples) + ringing, real=True)
     frequency = np.arange(size // 2 + 1) * (sample_rate / size)
     with np.errstate(divide="ignore"):
         away = np.abs(np.log2(frequency / middle))  # octaves
     share = np.clip((away - (0.5 - RAMP / 2)) / RAMP, 0.0, 1.0)
-    filtered: np.ndarray = fft.irfft(
-        fft.rfft(np.asarray(samples, np.float64), size) * np.cos(0.5 * math.pi * share), size
+    filtered: np.ndarray = scipy.fft.irfft(
+        scipy.fft.rfft(np.asarray(samples, np.float64), size) * np.cos(0.5 * math.pi * share), size
     )
     return filtered[: len(samples)]
 
@@ -201,9 +201,9 @@ def echo_density(
     energy = np.square(np.asarray(samples, np.float64))
     share = np.linspace(0.0, 1.0, max(3, round(ECHO_WINDOW * sample_rate)))
     window = 0.5 - 0.5 * np.cos(math.pi * np.minimum(1.0, 4.0 * np.minimum(share, 1.0 - share)))
-    size = fft.next_fast_len(len(energy) + len(window) - 1, real=True)
-    spectrum = fft.rfft(energy, size) * fft.rfft(window / window.sum(), size)
-    mean = fft.irfft(spectrum, size)[(len(window) - 1) // 2 :][: len(energy)]
+    size = scipy.fft.next_fast_len(len(energy) + len(window) - 1, real=True)
+    spectrum = scipy.fft.rfft(energy, size) * scipy.fft.rfft(window / window.sum(), size)
+    mean = scipy.fft.irfft(spectrum, size)[(len(window) - 1) // 2 :][: len(energy)]
     floor = 1e-12 * energy.max(initial=0.0)  # what the transform of the convolution leaves
     level = np.divide(energy, mean, out=np.zeros_like(energy), where=mean > floor)
     length = max(2, round(ECHO_FRAME * sample_rate))

@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import erf, erfc
+import scipy
 
 from ...base.rows import RowTable
 from ...base.runs import numbered
@@ -92,7 +92,11 @@ class Mixture(Intensity):
         a, b = (low - self.centre) / self.width, (high - self.centre) / self.width
         right, left = a > 0, b < 0  # in a tail by erfc, where erf has no digits left
         near, far = np.where(left, -b, a), np.where(left, -a, b)
-        spans = np.where(right | left, erfc(near) - erfc(far), erf(b) - erf(a))
+        spans = np.where(
+            right | left,
+            scipy.special.erfc(near) - scipy.special.erfc(far),
+            scipy.special.erf(b) - scipy.special.erf(a),
+        )
         return float(self.peak @ np.prod(self.width * np.sqrt(np.pi) / 2 * spans, axis=1))
 
     def whole(self) -> np.ndarray:
