@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import inspect
 import math
 import os
 import types
 import typing
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache, wraps
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 SAME: dict[str, tuple[str, ...]] = {
@@ -310,34 +311,73 @@ FORMER = {
 """Names that choices had in earlier releases, and those that they have now."""
 
 
+class _Signature:
+    """Signature of a group of settings as Python shows it: its fields, by name alone."""
+
+    def __get__(self, _: object, cls: type[Settings]) -> inspect.Signature:
+        known = inspect.Parameter
+        return inspect.Signature(
+            [
+                known(
+                    field.name,
+                    known.KEYWORD_ONLY,
+                    default=known.empty if param_of(field).required else field.default,
+                    annotation=field.type,
+                )
+                for field in dataclasses.fields(cls)  # type: ignore[arg-type]
+            ]
+        )
+
+
 class Settings:
     """Base of every group of settings: a frozen keyword dataclass that checks itself."""
 
     TITLE: ClassVar[str] = ""
 
-    if TYPE_CHECKING:  # dataclass makes them; values are checked when they are given
-        __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+    __signature__ = _Signature()
 
-        def __init__(self, **values: Any) -> None: ...
+    if TYPE_CHECKING:  # dataclass makes it
+        __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        dataclass(frozen=True, kw_only=True, repr=False)(cls)
-        cls.__init__ = _by_name(cls, cls.__init__)  # type: ignore[method-assign]
+        # What dataclass would write for each class is here once: it takes half a millisecond a class.
+        dataclass(init=False, repr=False, eq=False, match_args=False)(cls)
 
-    def __post_init__(self) -> None:
-        cls: Any = type(self)
-        kinds = types_of(cls)
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            name, known, value = field.name, param_of(field), getattr(self, field.name)
+    def __init__(self, *unnamed: Any, **values: Any) -> None:
+        cls = type(self)
+        if unnamed:
+            raise SpecError(cls.__name__, f"{shown(unnamed[0])} has no name; give NAME=VALUE")
+        kinds, fields = types_of(cls), dataclasses.fields(self)  # type: ignore[arg-type]
+        refuse_unknown(values, (field.name for field in fields))
+        for field in fields:
+            name, known = field.name, param_of(field)
+            if known.required and name not in values:
+                raise SpecError(name, f"is missing in {cls.__name__}; it has no default")
+            value = values.get(name, field.default)
             value = AUTO if known.auto and isinstance(value, str) and value == "auto" else value
             if known.choices and isinstance(value, str) and value not in known.choices:
                 value = FORMER.get(value, value)
             refuse_many(name, value, known)
             value = typed(name, value, kinds[name])
-            object.__setattr__(self, name, value)
+            self.__dict__[name] = value
             _check(name, value, known)
         self.check()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+
+    def __delattr__(self, name: str) -> None:
+        raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self._values() == other._values()  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash(self._values())
+
+    def _values(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, field.name) for field in dataclasses.fields(self))  # type: ignore[arg-type]
 
     def __repr__(self) -> str:
         """Settings that are not the default, as Python."""
@@ -393,23 +433,6 @@ def refuse_unknown(keys: Iterable[str], known: Iterable[str], place: str = "") -
         if key not in names:
             hint = did_you_mean(key, names)
             raise SpecError(f"{place}{key}", f"is not known; {hint}Allowed: {', '.join(names)}")
-
-
-def _by_name(cls: type[Settings], make: Callable[..., None]) -> Callable[..., None]:
-    """A class's own ``__init__``, behind a check that every setting is known, named and there."""
-    fields = {field.name: param_of(field) for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
-
-    @wraps(make)
-    def checked(self: Settings, *unnamed: Any, **values: Any) -> None:
-        if unnamed:
-            raise SpecError(cls.__name__, f"{shown(unnamed[0])} has no name; give NAME=VALUE")
-        refuse_unknown(values, fields)
-        for key, known in fields.items():
-            if known.required and key not in values:
-                raise SpecError(key, f"is missing in {cls.__name__}; it has no default")
-        make(self, **values)
-
-    return checked
 
 
 def _check(key: str, value: Any, known: Param) -> None:

@@ -188,7 +188,8 @@ def named_types(obj):
         public = [call for name, call in vars(obj).items() if not name.startswith("_")]
         calls = [getattr(call, "fget", call) for call in public] + [getattr(obj, "__init__", None)]
     for call in filter(inspect.isfunction, calls):
-        known = {name: getattr(forest, name) for name in forest.__all__} | call.__globals__
+        known = dict.fromkeys(INNER, object) | call.__globals__
+        known |= {name: getattr(forest, name) for name in forest.__all__}
         known |= {"Corners": spec.Corners, "Iterator": Iterator, "Observer": object}
         for hint in typing.get_type_hints(call, known).values():  # else a NameError
             for kind in [hint, *typing.get_args(hint)]:
