@@ -148,7 +148,6 @@ INSIDE = {
     "scanner_like": "forest_addon.sensing.lidar.surveys.like:scanner_like",
     "drive": "forest_addon.sensing.lidar.tractor:drive",
     "wood_indices": "forest_addon.sensing.lidar.tractor:",
-    "OriginLine": "forest_addon.sensing.lidar.tractor:OriginLine",
     "LIGHT": "forest_addon.sensing.lidar.waveform:LIGHT",
     "Waveforms": "forest_addon.sensing.lidar.waveform:Waveforms",
     "decompose": "forest_addon.sensing.lidar.waveform:decompose",

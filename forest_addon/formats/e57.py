@@ -9,7 +9,7 @@ to white. The writer draws identifiers anew: equal clouds are not equal files.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -23,33 +23,22 @@ WIDE, HIGH = 1440, 720
 SHOWN_DB = 40.0
 
 
-@dataclass(frozen=True)
-class LocalScan:
-    """Points (P, 3) about a scanner, metres; amplitude (P,); where it stands on the map (3,), metres.
+def write_e57(
+    path: Path, points: np.ndarray, amplitude: np.ndarray, place: list[float], seen: bool
+) -> None:
+    """Write points (P, 3) about a scanner, metres, that stands at a place (3,) on the map; amplitude (P,).
 
-    panorama : whether all points were seen from there, so that a picture can be made.
-    """
-
-    name: str
-    points: np.ndarray
-    amplitude: np.ndarray
-    translation: tuple[float, float, float]
-    panorama: bool
-
-
-def write_e57(path: str | os.PathLike[str], scan: LocalScan) -> None:
-    """Write a scan with its pose.
+    seen : whether all were seen from there, so that a picture can be made.
 
     Raises
     ------
     SpecError : pye57 is not installed; there are no points.
     OSError : it cannot be written.
     """
-    name = os.path.basename(path)
     pye57 = library(path, "files", "pye57", ", or save as .laz")
-    if not len(scan.points):
-        raise SpecError(name, "has no points, and E57 cannot be empty; use .laz")
-    x, y, z = scan.points.astype(np.float32).T
+    if not len(points):
+        raise SpecError(path.name, "has no points, and E57 cannot be empty; use .laz")
+    x, y, z = points.astype(np.float32).T
     data = {
         "cartesianX": x,
         "cartesianY": y,
@@ -57,16 +46,15 @@ def write_e57(path: str | os.PathLike[str], scan: LocalScan) -> None:
         "cartesianInvalidState": np.zeros(
             len(x), dtype=np.int8
         ),  # all are where they were measured
-        "intensity": scan.amplitude.astype(np.float32),
+        "intensity": amplitude.astype(np.float32),
     }
     still = np.array([1.0, 0.0, 0.0, 0.0])
     with replacing(path) as partial:
         file = pye57.E57(os.fspath(partial), mode="w")
-        file.write_scan_raw(
-            data, name=scan.name, rotation=still, translation=np.array(scan.translation)
-        )
-        if scan.panorama:
-            _add_panorama(pye57.libe57, file.image_file, scan)
+        file.write_scan_raw(data, name=path.stem, rotation=still, translation=np.array(place))
+        if seen:
+            picture = write_png(np.repeat(panorama(points, amplitude)[:, :, None], 3, axis=2))
+            _add_panorama(pye57.libe57, file.image_file, path.stem, picture, place)
         file.close()
 
 
@@ -83,10 +71,8 @@ def panorama(points: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
     return image
 
 
-def _add_panorama(lib, file, scan: LocalScan) -> None:  # type: ignore[no-untyped-def]
-    """Append the picture to the file's images2D."""
-    grey = panorama(scan.points, scan.amplitude)
-    picture = write_png(np.repeat(grey[:, :, None], 3, axis=2))
+def _add_panorama(lib, file, name: str, picture: bytes, place: list[float]) -> None:  # type: ignore[no-untyped-def]
+    """Append the picture, a PNG, to the file's images2D."""
 
     def group(**members) -> object:  # type: ignore[no-untyped-def]
         node = lib.StructureNode(file)
@@ -95,10 +81,10 @@ def _add_panorama(lib, file, scan: LocalScan) -> None:  # type: ignore[no-untype
         return node
 
     blob = lib.BlobNode(file, len(picture))
-    x, y, z = scan.translation
+    x, y, z = place
     image = group(
         guid=lib.StringNode(file, "{panorama}"),
-        name=lib.StringNode(file, f"{scan.name} panorama"),
+        name=lib.StringNode(file, f"{name} panorama"),
         pose=group(rotation=group(w=1.0, x=0.0, y=0.0, z=0.0), translation=group(x=x, y=y, z=z)),
         sphericalRepresentation=group(
             pngImage=blob,

@@ -148,15 +148,14 @@ def write_points(path: Path, cloud: Cloud, offset: Offset, labels: Labels | None
     OSError : it cannot be written; what had its name before stays as it was.
     """
     if ending_of(path) == ".e57":
-        from ..formats.e57 import LocalScan, write_e57
+        from ..formats.e57 import write_e57
 
         origin = origin_of(cloud)
         # about the scanner, or about the middle of the points where it moved
         about = np.median(cloud.position, axis=0) if origin is None and len(cloud) else origin
         about = np.zeros(3) if about is None else about
-        x, y, z = (about + np.array(offset)).tolist()
-        local, seen = cloud.position - about, origin is not None
-        write_e57(path, LocalScan(path.stem, local, cloud.intensity, (x, y, z), panorama=seen))
+        place, seen = (about + np.array(offset)).tolist(), origin is not None
+        write_e57(path, cloud.position - about, cloud.intensity, place, seen)
         return
     if cloud.waves is None or ending_of(path) in NO_PACKETS:
         write_rows(path, records(cloud, offset), offset=offset, labels=labels)

@@ -93,18 +93,18 @@ def _render_row(
     high, wide = image.shape[:2]
     scale = max(width / columns / 330, 0.75)  # of what is written
     reach, below = 0.42 * wide / columns, FOOT / FIELD[0] * wide / columns
-    for cell, (species, tree) in zip(cells, grown, strict=True):
+    for (x, y), (species, tree) in zip(cells, grown, strict=True):
         if not (tree.mesh.vertices[:, 2] < -0.02 * tree.height).any() or not how:
             # The sunk foot of a trunk is no part of the picture.
-            ground = Rectangle((cell.x - reach, cell.y), 2 * reach, below, color=PAPER, linewidth=0)
+            ground = Rectangle((x - reach, y), 2 * reach, below, color=PAPER, linewidth=0)
             axes.add_patch(ground).set_zorder(1.5)
-        axes.plot([cell.x - reach, cell.x + reach], [cell.y, cell.y], color=FAINT, linewidth=1.0)
+        axes.plot([x - reach, x + reach], [y, y], color=FAINT, linewidth=1.0)
         leaves = f", {len(tree.leaves):,} leaves" if len(tree.leaves) else ""
         for text, down, size in (
             (species.name, 10, 11),
             (f"{tree.height:.1f} m{leaves}", 28, 8.5),
         ):
-            below_line = (cell.x, cell.y + down * scale, text)
+            below_line = (x, y + down * scale, text)
             axes.text(*below_line, ha="center", va="top", color=INK, fontsize=size * scale)
     axes.set_xlim(0, wide)
     axes.set_ylim(high, 0)
@@ -127,8 +127,8 @@ def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
             whole = image.convert("RGBA")
     above, below = round((FIELD[1] - FOOT) * wide), round(0.03 * wide)
     side = above + below
-    for (species, _), cell in zip(grown, cells, strict=True):
-        left, foot = round(cell.x) - wide // 2, round(cell.y)
+    for (species, _), (x, y) in zip(grown, cells, strict=True):
+        left, foot = round(x) - wide // 2, round(y)
         tree_alone = whole.crop((left, foot - above, left + wide, foot))  # without its sunk foot
         paper = Image.new("RGBA", (side, side), PAPER)
         paper.alpha_composite(tree_alone, ((side - wide) // 2, 0))

@@ -45,7 +45,6 @@ from ..inside import (
     LEAF_GREEN,
     RED,
     Observer,
-    OriginLine,
     Stages,
     blank_figure,
     find_species,
@@ -341,8 +340,8 @@ def _table_3(found: Sequence[Row]) -> list[list[str]]:
     return rows
 
 
-def fits(found: Sequence[Row]) -> dict[tuple[str, str], OriginLine]:
-    """The lines by (what, beam): A_PR and A_L on A_IM of either beam."""
+def fits(found: Sequence[Row]) -> dict[tuple[str, str], tuple[float, float]]:
+    """Slopes and R² by (what, beam): A_PR and A_L on A_IM of either beam."""
     return {
         (what, beam): line_through_origin(_column(found, beam), _column(found, what))
         for what in THEIRS
@@ -352,12 +351,12 @@ def fits(found: Sequence[Row]) -> dict[tuple[str, str], OriginLine]:
 
 def _regressions(found: Sequence[Row]) -> list[list[str]]:
     rows = []
-    for (what, beam), line in fits(found).items():
-        name, slope, r2 = THEIRS[what]
+    for (what, beam), (slope, r2) in fits(found).items():
+        name, *theirs = THEIRS[what]
         rows.append(
             [
                 *(f"{name} = k·A_IM", BEAMS[beam]),
-                *(f"{line.slope:.4f}", f"{slope:g}", f"{line.r2:.4f}", f"{r2:.4f}"),
+                *(f"{slope:.4f}", f"{theirs[0]:g}", f"{r2:.4f}", f"{theirs[1]:.4f}"),
             ]
         )
     return rows
@@ -372,16 +371,16 @@ def draw(found: Sequence[Row], path: Path) -> Path:
         ends = np.array([0.0, 1.05 * most])
         for (beam, label), colour in zip(BEAMS.items(), (BARK, RED, LEAF_GREEN), strict=True):
             x = _column(found, beam)
-            line = line_through_origin(x, y)
+            slope, r2 = line_through_origin(x, y)
             four = np.array([row["trees"] == 4 for row in found])
             axes.scatter(x[~four], y[~four], s=16, c=colour, linewidths=0)
             axes.scatter(x[four], y[four], s=22, c=colour, marker="s", linewidths=0)
             axes.plot(
                 ends,
-                line.slope * ends,
+                slope * ends,
                 c=colour,
                 linewidth=1.2,
-                label=f"{label}: k = {line.slope:.3g}, R² = {line.r2:.2f}",
+                label=f"{label}: k = {slope:.3g}, R² = {r2:.2f}",
             )
         axes.plot(ends, theirs * ends, c=FAINT, linewidth=1.6, label=f"S: k = {theirs:g}")
         axes.set_title(f"{name} against A_IM")

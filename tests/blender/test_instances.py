@@ -407,8 +407,8 @@ def test_measures_and_pictures_can_follow_once_the_forest_stands(monkeypatch):
     assert assets.untold(later, anew) == []
     assert second.asset_data is None  # the user's choice
     second.asset_mark()
-    told = forest_scene.tell_of(anew, wanted)[wanted[1]]
-    assets.mark_asset(second, told.description, ("tree", anew.labels[0]), told.picture)
+    _, sentence, picture = forest_scene.tell_of(anew, wanted)[wanted[1]]
+    assets.mark_asset(second, sentence, ("tree", anew.labels[0]), picture)
     assert ready_library(later) == ready_library(at_once)
     assert first.data["height_m"] == pytest.approx(anew.variants[wanted[0]].height)
 

@@ -16,7 +16,6 @@ import os
 import tomllib
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +42,9 @@ if TYPE_CHECKING:
     from ...stand.forest import GrownForest
 
 Variant = tuple[int, int]  # number of the planting, and of the variant in it
+Told = tuple[
+    Mapping[str, float], str, np.ndarray
+]  # its measures, a sentence, its picture (``draw``)
 AUTHOR = "Forest Sensing"
 PICTURE_KEY = "forest_picture"  # on the object of a variant: what its picture was drawn from
 PIXELS = 128
@@ -51,15 +53,6 @@ FACES = 120_000  # of a mesh, at most, that dots are strewn over
 LIGHT = np.array([-0.45, -0.70, 0.55])  # towards the sun; the eye looks along +Y
 AMBIENT = 0.45
 PAPER = 0.94  # grey of the paper, as in the pictures of presets
-
-
-@dataclass(frozen=True)
-class ToldVariant:
-    """Measures of a variant by name and unit, a sentence, and its picture (``draw``)."""
-
-    truth: Mapping[str, float]
-    description: str
-    picture: np.ndarray
 
 
 def untold(scene: bpy.types.Scene, forest: GrownForest) -> list[Variant]:
@@ -75,7 +68,7 @@ def untold(scene: bpy.types.Scene, forest: GrownForest) -> list[Variant]:
 
 
 def tell_variants(
-    scene: bpy.types.Scene, forest: GrownForest, told: Mapping[Variant, ToldVariant]
+    scene: bpy.types.Scene, forest: GrownForest, told: Mapping[Variant, Told]
 ) -> None:
     """Have variants that stand in a scene say what they measure, and be assets with a picture.
 
@@ -83,14 +76,14 @@ def tell_variants(
     """
     things = _things(scene, forest)
     for key in things.keys() & told.keys():
-        obj = things[key]
-        for name, value in told[key].truth.items():  # custom properties, for whoever looks
+        obj, (truth, description, picture) = things[key], told[key]
+        for name, value in truth.items():  # custom properties, for whoever looks
             obj.data[name] = value
         obj.data[TOLD_KEY] = obj.data[SHAPE_KEY]
         was, drawn_from = obj.get(PICTURE_KEY), _drawn_from(obj, forest, key)
         if was != drawn_from and (was is None or obj.asset_data is not None):
             tags = ("tree", "forest", forest.labels[key[0]])
-            mark_asset(obj, told[key].description, tags, told[key].picture)
+            mark_asset(obj, description, tags, picture)
         obj[PICTURE_KEY] = drawn_from
 
 

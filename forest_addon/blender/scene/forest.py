@@ -27,7 +27,7 @@ from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
 from ...stand.intensity.surface import Flat, GroundSurface
 from . import materials
-from .assets import ToldVariant, Variant, draw, tell_variants, untold
+from .assets import Told, Variant, draw, tell_variants, untold
 from .instances import (
     SPECIES_KEY,
     STOOD_KEY,
@@ -99,7 +99,7 @@ def make_ready(
 
 def tell_of(
     forest: GrownForest, wanted: Sequence[Variant], tell: Progress | None = None
-) -> dict[Variant, ToldVariant]:
+) -> dict[Variant, Told]:
     """Measure variants of a forest and draw their pictures; touches no Blender."""
     told = {}
     for number, key in enumerate(wanted):
@@ -109,7 +109,7 @@ def tell_of(
         height = float(tree.mesh.vertices[:, 2].max(initial=0.0))
         described = f"{label}, {height:.1f} m tall, {tree.mesh.leaf.max(initial=-1) + 1:,} leaves"
         picture = draw(tree.mesh, forest.species[key[0]].look)
-        told[key] = ToldVariant(tree_truth(tree), described, picture)
+        told[key] = tree_truth(tree), described, picture
     return told
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import colorsys
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import bpy
@@ -19,6 +18,7 @@ import numpy as np
 
 from ...base.labels import Labels
 from ...base.trimesh import DEAD, GROUND, LEAF, PART_NAMES, WOOD
+from ...results.coordinates import Offset
 from ...sensing.lidar.cloud import Cloud, Returns
 from ...sensing.sonar.echo import Contributions
 from ..scene.attributes import read, write
@@ -322,24 +322,13 @@ def note_scan(
     data[SCAN_KEY] = json.dumps(said, ensure_ascii=False)
 
 
-@dataclass(frozen=True)
-class KeptScan:
-    """A scan that a file keeps: its cloud, the scene's offset (m) and coordinate system, labels by what they
-    are of."""
-
-    cloud: Cloud
-    offset: tuple[float, ...]
-    crs: str
-    labels: dict[str, Labels]
-
-
 def is_scan(data: bpy.types.Mesh) -> bool:
     """Return whether a mesh of points is a scan that can be read back."""
     return all(name in data.attributes for name in NEEDED)
 
 
-def kept_scan(data: bpy.types.Mesh) -> KeptScan:
-    """The scan of a mesh of points.
+def kept_scan(data: bpy.types.Mesh) -> tuple[Cloud, Offset, dict[str, Labels]]:
+    """The scan of a mesh of points: its cloud, the scene's offset, and labels by what they are of.
 
     Points that were deleted by hand are gone here, too; those of files before 1.0.1 are of single precision.
     """
@@ -384,7 +373,7 @@ def kept_scan(data: bpy.types.Mesh) -> KeptScan:
     labels = {
         n: Labels(_read(data, f"label_{n.lower()}", "INT"), tuple(w)) for n, w in names.items()
     }
-    return KeptScan(cloud, tuple(said.get("offset", (0.0, 0.0, 0.0))), said.get("crs", ""), labels)
+    return cloud, Offset(tuple(said.get("offset", (0.0, 0.0, 0.0))), said.get("crs", "")), labels
 
 
 def _read(data: bpy.types.Mesh, name: str, kind: str) -> np.ndarray:

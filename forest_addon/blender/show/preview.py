@@ -1,7 +1,7 @@
 """Pictures by Cycles on the CPU: of a forest and its surroundings, by a walker; of trees, on a sheet or near.
 
 On a sheet trees hang in a grid before an orthographic camera that looks slightly down on them; the
-background stays transparent. ``SheetCell`` says where each came to stand in the picture, so that labels
+background stays transparent. ``render_sheet`` says where each came to stand in the picture, so that labels
 can be drawn below. Close-ups show a fork, the bark of the stem, a twig against the light.
 """
 
@@ -482,15 +482,6 @@ DEEP = 0.5  # of its extent away from the eye, that counts as width
 FOOT = 0.20  # of a tree above the lower edge of its cell, for a label
 
 
-@dataclass(frozen=True)
-class SheetCell:
-    """A tree's place in the picture: its foot, in pixels from the upper left, and metres per pixel."""
-
-    x: float
-    y: float
-    metres: float
-
-
 def render_sheet(
     trees: Sequence[tuple[spec.Species, Tree]],
     columns: int,
@@ -499,8 +490,8 @@ def render_sheet(
     samples: int = 16,
     progress: Progress | None = None,
     one_scale: bool = False,
-) -> list[SheetCell]:
-    """Render trees of species in rows; returns where each stands.
+) -> list[tuple[float, float]]:
+    """Render trees of species in rows; returns where the foot of each is, in pixels from the upper left.
 
     width : of the picture, pixels. one_scale : all as large as the largest needs, not each as its cell
         allows.
@@ -523,7 +514,7 @@ def render_sheet(
         up = high - (row + 1) * FIELD[1] + FOOT  # on the picture; the camera's tilt shortens z
         size = least if one_scale else _fit(tree)
         _hang(scene, species, tree, x, up / math.cos(TILT), size)
-        cells.append(SheetCell(x * pixels, (high - up) * pixels, 1 / (size * pixels)))
+        cells.append((x * pixels, (high - up) * pixels))
     _aim(scene, columns * FIELD[0], high)
     # Sun from the front left, so that no tree shades its neighbour much, and a bright sky
     scene.collection.objects.link(_sun("Sheet sun", 5.5, 3.0, (1.0, 0.92, 0.80), (52, 0, -38)))

@@ -222,16 +222,10 @@ def impacted_by_tree(scan: TractorScan, tractor: Tractor, trees: int) -> np.ndar
     return np.bincount(tree[known], area[known], minlength=trees)
 
 
-@dataclass(frozen=True)
-class OriginLine:
-    """y = slope·x; ``r2`` is 1 - Σ(y - slope·x)² / Σ(y - ȳ)²."""
+def line_through_origin(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope and R² of y = slope·x by least squares without an intercept, as S fits A_PR and A_L on A_IM.
 
-    slope: float
-    r2: float
-
-
-def line_through_origin(x: np.ndarray, y: np.ndarray) -> OriginLine:
-    """Least squares without an intercept, as S fits A_PR and A_L on A_IM.
+    R² is 1 - Σ(y - slope·x)² / Σ(y - ȳ)².
 
     Raises
     ------
@@ -243,4 +237,4 @@ def line_through_origin(x: np.ndarray, y: np.ndarray) -> OriginLine:
     slope = float(x @ y / (x @ x))
     scatter = float(((y - y.mean()) ** 2).sum())
     missed = float(((y - slope * x) ** 2).sum())
-    return OriginLine(slope, 1.0 - missed / scatter if scatter > 0 else float(missed == 0))
+    return slope, 1.0 - missed / scatter if scatter > 0 else float(missed == 0)

@@ -106,7 +106,7 @@ def trunks_at_height(
     for instance in crossed:
         transform = scene.transform[instance]
         segments = wood[scene.mesh_index[instance]].cut(transform, height)
-        stems, thinner = _stems(segments, min_radius)
+        stems, thinner = _stems(*segments, min_radius)
         # those whose centre lies within a thicker one are not counted
         separate: list[tuple[np.ndarray, float]] = []
         for centre, radius in sorted(stems, key=lambda stem: -stem[1]):
@@ -126,20 +126,6 @@ def trunks_at_height(
     )
 
 
-@dataclass(frozen=True)
-class _Segments:
-    """M segments where triangles cross the plane.
-
-    ends : (M, 2, 2) x and y of both ends, from the instance's origin.
-    normal : (M, 3) unit normals of the triangles.
-    contour : (M,) number of the contour, 0 to the count less 1.
-    """
-
-    ends: np.ndarray
-    normal: np.ndarray
-    contour: np.ndarray
-
-
 class WeldedWood:
     """The wood of one mesh in local space; vertices at the same place are one vertex."""
 
@@ -154,8 +140,16 @@ class WeldedWood:
         of_triangles = self._z[self.triangles.T]
         self._low, self._high = of_triangles.min(axis=0), of_triangles.max(axis=0)
 
-    def cut(self, transform: np.ndarray, height: float) -> _Segments:
-        """Cut one instance: only triangles that cross the plane are moved to the world."""
+    def cut(
+        self, transform: np.ndarray, height: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Cut one instance: M segments where triangles cross the plane, which alone are moved to the world.
+
+        Returns
+        -------
+        (M, 2, 2) x and y of both ends, from the instance's origin; (M, 3) unit normals of the triangles; (M,)
+        number of the contour, 0 to the count less 1.
+        """
         x, y, up, lift = transform[2]
         lift -= height
         if x == y == 0 and up > 0:  # upright: heights rise as they do in the mesh
@@ -183,10 +177,10 @@ class WeldedWood:
         corners = self.vertices[crossing] @ transform[:, :3].T
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(normal, axis=1, keepdims=True)
-        return _Segments(
-            ends=local @ transform[:2, :3].T,
-            normal=np.divide(normal, length, out=np.zeros_like(normal), where=length > 0),
-            contour=_components(a * len(self.vertices) + b),
+        return (
+            local @ transform[:2, :3].T,
+            np.divide(normal, length, out=np.zeros_like(normal), where=length > 0),
+            _components(a * len(self.vertices) + b),
         )
 
 
@@ -212,17 +206,19 @@ def _components(edge: np.ndarray) -> np.ndarray:
     return csgraph.connected_components(graph, directed=False)[1][node[:, 0]]
 
 
-def _stems(segments: _Segments, min_radius: float) -> tuple[list[tuple[np.ndarray, float]], int]:
-    """Centre and radius of each contour that is thick enough, and how many are not."""
-    step = segments.ends[:, 1] - segments.ends[:, 0]
-    length = np.bincount(segments.contour, np.hypot(step[:, 0], step[:, 1]))
-    order = np.argsort(segments.contour, kind="stable")
-    first = np.searchsorted(segments.contour[order], np.arange(len(length) + 1))
-    most = largest_radii(segments.ends, segments.normal, segments.contour, len(length))
+def _stems(
+    ends: np.ndarray, normal: np.ndarray, contour: np.ndarray, min_radius: float
+) -> tuple[list[tuple[np.ndarray, float]], int]:
+    """Centre and radius of each contour of segments (``cut``) that is thick enough, and how many are not."""
+    step = ends[:, 1] - ends[:, 0]
+    length = np.bincount(contour, np.hypot(step[:, 0], step[:, 1]))
+    order = np.argsort(contour, kind="stable")
+    first = np.searchsorted(contour[order], np.arange(len(length) + 1))
+    most = largest_radii(ends, normal, contour, len(length))
     stems = []
-    for contour in np.flatnonzero((most >= min_radius) & (length > 0)):
-        rows = order[first[contour] : first[contour + 1]]
-        centre, radius = equivalent_circle(segments.ends[rows], segments.normal[rows])
+    for one in np.flatnonzero((most >= min_radius) & (length > 0)):
+        rows = order[first[one] : first[one + 1]]
+        centre, radius = equivalent_circle(ends[rows], normal[rows])
         if radius >= min_radius:
             stems.append((centre, radius))
     return stems, len(length) - len(stems)

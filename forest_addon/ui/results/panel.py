@@ -332,9 +332,8 @@ def _write(path: Path, result: Any, label: str) -> Offset:
         sensor, found, offset = unpack(result.found)
         write_as(path, sensor, found, offset)
         return offset
-    kept = kept_scan(data)
-    offset = Offset(kept.offset, kept.crs)
-    write_points(path, kept.cloud, offset, kept.labels.get(label))
+    cloud, offset, labels = kept_scan(data)
+    write_points(path, cloud, offset, labels.get(label))
     return offset
 
 
