@@ -67,6 +67,17 @@ def test_help_imports_little():
     assert not {name.split(".")[0] for name in ended.stderr.split()} & HEAVY
 
 
+@pytest.mark.medium
+def test_the_steps_of_a_run_import_no_sums():
+    code = "import sys, headless.pipeline; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    loaded = set(done.stdout.split())
+    assert "forest_addon.results.sonar" in loaded
+    heavy = {f"scipy.{part}" for part in ("fft", "linalg", "sparse", "spatial", "special")}
+    sums = ("sonar.ping", "sonar.search", "reverb.pair", "reverb.response", "reverb.sums")
+    assert not loaded & (heavy | {f"forest_addon.sensing.{name}" for name in sums})
+
+
 @pytest.mark.parametrize(
     ("words", "joined"),
     [
