@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from references.animation import curves_of
+from references.echoes import leaf_discs
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
@@ -17,7 +18,6 @@ from forest_addon.blender.scene.layout import TREES, part
 from forest_addon.blender.sensors.moving import curve_points
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.library import load_species
-from forest_addon.sensing.sonar.leaves import leaf_discs
 from forest_addon.spec import Mobile, Scene, Sonar, SpecError
 from forest_addon.stand.forest import grow_forest, leaf_table
 

@@ -16,7 +16,7 @@ from scipy import special
 
 from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.sonar.leaves import LeafDiscs
+from forest_addon.sensing.sonar.leaves import FoliageDiscs, LeafDiscs
 
 from .reverb import absorption_direct
 
@@ -187,3 +187,20 @@ def discs_of(centre: Any, normal: Any, radius: Any) -> LeafDiscs:
         index,
         np.zeros(count, np.int64),
     )
+
+
+def leaf_discs(scene: SceneGeometry) -> LeafDiscs:
+    """Every leaf of a scene: the triangles with ``leaf >= 0``, by instance and number."""
+    meshes = {index: FoliageDiscs(scene.meshes[index]) for index in np.unique(scene.mesh_index)}
+    counts = np.array([len(meshes[index].leaf) for index in scene.mesh_index], dtype=np.int64)
+    ends = np.cumsum(counts)
+    total = int(ends[-1]) if len(ends) else 0
+    centre, normal, radius = np.empty((total, 3)), np.empty((total, 3)), np.empty(total)
+    leaf = np.empty(total, dtype=np.int64)
+    for instance, index in enumerate(scene.mesh_index):
+        rows = slice(ends[instance] - counts[instance], ends[instance])
+        foliage = meshes[index]
+        centre[rows], normal[rows], radius[rows] = foliage.moved(scene.transform[instance])
+        leaf[rows] = foliage.leaf
+    instance_of = np.repeat(np.arange(len(scene)), counts)
+    return LeafDiscs(centre, normal, radius, instance_of, leaf, scene.tree[instance_of])

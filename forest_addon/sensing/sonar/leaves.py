@@ -20,7 +20,7 @@ from ...acoustics.disc_table import HANDOVER, table_error
 from ...base.rows import distinct, lengths
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import pieces_of
-from ..rays.geometry import SceneGeometry, apply_transform
+from ..rays.geometry import apply_transform
 from .facets import PIECE, Rims, glints, rims, share_of_turn
 from .scatterers import (
     LEAF,
@@ -56,23 +56,6 @@ class LeafDiscs:
 
     def __len__(self) -> int:
         return len(self.radius)
-
-
-def leaf_discs(scene: SceneGeometry) -> LeafDiscs:
-    """Every leaf of a scene: the triangles with ``leaf >= 0``, by instance and number."""
-    meshes = {index: FoliageDiscs(scene.meshes[index]) for index in np.unique(scene.mesh_index)}
-    counts = np.array([len(meshes[index].leaf) for index in scene.mesh_index], dtype=np.int64)
-    ends = np.cumsum(counts)
-    total = int(ends[-1]) if len(ends) else 0
-    centre, normal, radius = np.empty((total, 3)), np.empty((total, 3)), np.empty(total)
-    leaf = np.empty(total, dtype=np.int64)
-    for instance, index in enumerate(scene.mesh_index):
-        rows = slice(ends[instance] - counts[instance], ends[instance])
-        foliage = meshes[index]
-        centre[rows], normal[rows], radius[rows] = foliage.moved(scene.transform[instance])
-        leaf[rows] = foliage.leaf
-    instance_of = np.repeat(np.arange(len(scene)), counts)
-    return LeafDiscs(centre, normal, radius, instance_of, leaf, scene.tree[instance_of])
 
 
 Measured = tuple[np.ndarray, np.ndarray, np.ndarray]  # centre (L, 3), normal (L, 3), radius (L,)

@@ -7,7 +7,13 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from references.echoes import discs_of, echo_spectrum_direct, leaf_direct, scene_of
+from references.echoes import (
+    discs_of,
+    echo_spectrum_direct,
+    leaf_direct,
+    leaf_discs,
+    scene_of,
+)
 from references.rays import BruteCaster
 
 from forest_addon.acoustics import nonuniform
@@ -18,7 +24,7 @@ from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
 from forest_addon.sensing.sonar import search
 from forest_addon.sensing.sonar.beam import GaussianBeam, beam_offsets
 from forest_addon.sensing.sonar.echo import Echo
-from forest_addon.sensing.sonar.leaves import LeafDiscs, LeafEchoes, leaf_discs
+from forest_addon.sensing.sonar.leaves import LeafDiscs, LeafEchoes
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.trajectory import frame_of
 from forest_addon.spec import Air

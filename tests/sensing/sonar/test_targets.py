@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from references.discs import HardDisc, RigidDisc, disc_direct
-from references.echoes import discs_of, scene_of, square_leaves, triangle_direct
+from references.echoes import discs_of, leaf_discs, scene_of, square_leaves, triangle_direct
 from scipy.special import j1
 
 from forest_addon.acoustics.cylinder import scattering_sum
@@ -16,7 +16,7 @@ from forest_addon.base.trimesh import GROUND, OTHER, WOOD, TriMesh
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.results.sonar import SONAR
 from forest_addon.sensing.sonar.echo import Echo
-from forest_addon.sensing.sonar.leaves import BETWEEN, FAR, VIEWS, LeafDiscs, LeafEchoes, leaf_discs
+from forest_addon.sensing.sonar.leaves import BETWEEN, FAR, VIEWS, LeafDiscs, LeafEchoes
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.rescattering import (
     DENSE,
