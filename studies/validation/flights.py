@@ -579,7 +579,7 @@ def _flown(
     farthest = RANGE * float(read.far[rows].max())
     faint = min(faintest_of(read) * farthest**2, 1.0)
     limited = plain.changed(max_range=farthest, faintest=faint)
-    like = scanner_like(limited, line, pattern, low, line.time[0])
+    like = scanner_like(limited, line, pattern, low)
     fewer = like.changed(pulse_rate=like.pulse_rate / max(1.0, rows.sum() / most))
     return scan(fewer, caster, seed)
 

@@ -1,5 +1,9 @@
 """Receiver of a scanner: which echoes of a pulse its electronics tell apart, and which of them they keep.
 
+An echo is seen where the power at its crest is at least that of the faintest echo (the minimum detectable input
+power of Pfennigbauer & Ullrich 2010, Proc. SPIE 7684, 76841F): light that is spread over more than the pulse's
+length is harder to see. The crest is that of a Gaussian with the echo's energy and width.
+
 A discrete-return receiver starts a return where the light rises over its threshold and is blind for some time
 after it: its dead zone, in metres of range. What comes meanwhile is lost and does not make the blindness
 longer. A receiver that decomposes the waveform has no dead zone; the length of the pulse alone decides there
@@ -97,8 +101,12 @@ def false_alarm_rate(threshold_snr: float, pulse_ns: float) -> float:
 def noisy_light(scanner: Scanner, echoes: WaveformEchoes, keys: np.ndarray) -> np.ndarray:
     """(E,) light of echoes with the receiver's noise, 1/m². keys : (P,) uint64 keys of the pulses."""
     drawn = child_keys(keys[echoes.pulse], AMPLITUDE + ranks(echoes.pulse))
-    spread = detection_limit(scanner) / scanner.receiver.threshold_snr
-    return echoes.energy + spread * keyed_normal(drawn, "amplitude")
+    crest = (
+        detection_limit(scanner)
+        / scanner.receiver.threshold_snr
+        / pulse_length(scanner.beam.pulse_ns)
+    )
+    return echoes.energy + crest * echoes.width * keyed_normal(drawn, "amplitude")
 
 
 def false_echoes(scanner: Scanner, keys: np.ndarray) -> WaveformEchoes:

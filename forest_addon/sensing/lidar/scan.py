@@ -128,9 +128,8 @@ class Scan:
 
     def exactly(self, true: SceneGeometry | None = None) -> Scan:
         """The same scan with every ray held against float64. true : the scene that is; left out: its own."""
-        if isinstance(self.caster, MovingCaster):
-            return self.seen_by(self.caster.judged(true))
-        return self.seen_by(Referee(self.caster, true))
+        moving = isinstance(self.caster, MovingCaster)
+        return self.seen_by(self.caster.judged(true) if moving else Referee(self.caster, true))
 
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""
@@ -292,9 +291,8 @@ class Scan:
                 ]
             )
             received = both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
-        received = received.select(
-            np.flatnonzero(received.echoes.energy >= detection_limit(scanner))
-        )
+        crest = received.echoes.energy * (self._sigma / received.echoes.width)
+        received = received.select(np.flatnonzero(crest >= detection_limit(scanner)))
         received = received.select(awake(received.echoes, scanner.receiver.dead_zone))
         return_keys = child_keys(keys[received.echoes.pulse], ranks(received.echoes.pulse))
         kept = np.flatnonzero(survives_drop_out(scanner.noise, return_keys))

@@ -190,6 +190,18 @@ def noisy(pulses=20_000, **noise):
 
 
 @pytest.mark.medium
+@pytest.mark.parametrize("tilt", [0.3, 0.9, 1.3])
+def test_light_that_a_tilted_plane_spreads_is_harder_to_see(tilt):
+    """The crest of the echo is lower by its width over the pulse's, as a Gaussian of that width says."""
+    beam = Beam(divergence_mrad=(2.0, 2.0), subrays=300, pulse_ns=1.0)
+    spread = 0.1 / 2 * np.tan(tilt)  # the footprint's sd is half its radius at 1/e²
+    pulse = 1e-9 * 299_792_458 / 2 / (2 * np.sqrt(2 * np.log(2)))
+    crest = 0.5 * np.cos(tilt) * pulse / np.hypot(pulse, spread)  # of a white plane's
+    for share, seen in ((0.98, 1), (1.02, 0)):
+        scanner = along_x(beam=beam, max_range=120.0, faintest=share * crest * 1.2**2)
+        assert len(look(scanner, sheet(100.0, tilt=tilt))) == seen
+
+
 @pytest.mark.parametrize(
     ("noise", "tilt", "expected"),
     [

@@ -1,23 +1,26 @@
 """Stems, twigs and returns of pulses: what the comparisons with measured clouds are made of."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import laspy
 import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
+from references.rays import BruteCaster, scene_with
 from scipy.stats import hypergeom
 
 from forest_addon.base.rng import stream
 from forest_addon.formats.las import read_las
 from forest_addon.growth.library import read_allometry
 from forest_addon.growth.measured.allometry import Wanted, refuse_contradictions
-from forest_addon.spec import SpecError
+from forest_addon.spec import Mobile, SpecError
 from headless.surveys import FlownCloud
 from studies.__main__ import main
+from studies.scenes import level_ground
 from studies.validation import cloud_pair as cloud_sums
-from studies.validation import lidar, own_cloud
+from studies.validation import flights, lidar, own_cloud
 from studies.validation.cloud_pair import compare_clouds, hold_pair, lines_in, rarefied, stems_of
 from studies.validation.flights import (
     BLOCK,
@@ -390,6 +393,25 @@ def test_crowns_of_a_drawn_plot_are_as_they_were_drawn():
 
 # ------------------------------------------------------------------------------------------- flights
 # Flight lines of real clouds flown again: thresholds that are read, shares of returns, their nulls.
+
+
+@pytest.mark.medium
+@needs_measurements
+def test_a_line_flown_again_sees_level_ground_from_as_far_as_the_cloud():
+    some = replace(FLIGHTS[1], scale=IntensityScale(-20.0, 0.0))
+    read = read_flight(some, FOUND / "clouds")
+    low = np.append(
+        read.cloud.place[:, :2].min(axis=0), np.median(read.cloud.place[read.height < 1, 2])
+    )
+    number = flights._nearest_nadir(read)
+    caster = BruteCaster(scene_with(level_ground(1000.0)))
+    flown = flights._flown(
+        read, number, Mobile(min_range=1.0, beam=read.flight.beam), caster, low, 1, most=60
+    )
+    inside = flights._inside(flown, read)
+    far = read.far[(read.cloud.line == number) & (read.height < 1)]
+    assert inside.sum() > 20
+    assert np.median(flown.true_range[inside]) == pytest.approx(np.median(far), abs=5.0)
 
 
 def cloud_of(light, far, count, line):
