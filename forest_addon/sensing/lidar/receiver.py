@@ -1,8 +1,8 @@
 """Receiver of a scanner: which echoes of a pulse its electronics tell apart, and which of them they keep.
 
-An echo is seen where the power at its crest is at least that of the faintest echo (the minimum detectable input
-power of Pfennigbauer & Ullrich 2010, Proc. SPIE 7684, 76841F): light that is spread over more than the pulse's
-length is harder to see. The crest is that of a Gaussian with the echo's energy and width.
+An echo is seen where the power at its crest is at least that of the faintest echo (the minimum detectable
+input power of Pfennigbauer & Ullrich 2010, Proc. SPIE 7684, 76841F): light that is spread over more than the
+pulse's length is harder to see. The crest is that of a Gaussian with the echo's energy and width.
 
 A discrete-return receiver starts a return where the light rises over its threshold and is blind for some time
 after it: its dead zone, in metres of range. What comes meanwhile is lost and does not make the blindness
