@@ -353,7 +353,7 @@ def near_faces(leaves: LeafEchoes, sight: Sight) -> tuple[NearFaces, np.ndarray]
     longest = PIECE * np.sqrt(2.0 * math.pi * nearest / sight.wavenumber)
     corners = np.clip(2.0 * math.pi * radius / longest, *CORNERS)
     corners = (16 * np.ceil(corners / 16)).astype(np.int64)
-    pieces, rows = [], []
+    pieces = []  # numbered by the rows of their discs: an edge may be in parts, or out of range
     for count in distinct(corners).tolist():
         some = corners == count
         angle = 2.0 * math.pi * np.arange(count) / count
@@ -364,17 +364,16 @@ def near_faces(leaves: LeafEchoes, sight: Sight) -> tuple[NearFaces, np.ndarray]
         ring = centre[some, None] + size[:, None, None] * ring  # (m, count, 3)
         ends = np.stack([ring, np.roll(ring, -1, axis=1)], axis=2).reshape(-1, 2, 3)
         row = np.flatnonzero(some).repeat(count)
-        pieces.append(rims(ends, foot[row], normal[row], height[row], number[row], sight))
+        pieces.append(rims(ends, foot[row], normal[row], height[row], row, sight))
         share = share_of_turn(ring, foot[some], normal[some])
         glint = np.flatnonzero(some)[share > 0]
-        pieces.append(glints(foot[glint], height[glint], share[share > 0], number[glint]))
-        rows += [row, glint]
-    row = np.concatenate(rows)
-    order = np.argsort(row, kind="stable")
-    made, row = Rims.joined(pieces).select(order), row[order]
+        pieces.append(glints(foot[glint], height[glint], share[share > 0], glint))
+    made = Rims.joined(pieces)
+    made = made.select(np.argsort(made.number, kind="stable"))
+    row = made.number
     close = np.linalg.norm(centre, axis=1) < CLOSE * sight.wavenumber * radius**2
     return NearFaces(
-        made.centre + sight.point, made.number, made.weight, made.slope, close[row]
+        made.centre + sight.point, number[row], made.weight, made.slope, close[row]
     ), row
 
 

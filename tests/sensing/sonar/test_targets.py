@@ -270,6 +270,12 @@ def test_no_step_where_the_far_field_begins(model: str, incidence: float) -> Non
     assert before == pytest.approx(after, abs=0.15)
 
 
+def test_a_near_leaf_whose_rim_is_beyond_the_range_is_an_endless_mirror() -> None:
+    discs = discs_of([[5.0, 0, 0]], [1.0, 0, 0], 0.5)  # its rim is 5.025 m away
+    echo = ping(discs, Sonar(**QUIET, leaf_model="piston", max_range=5.02), AIR)
+    np.testing.assert_allclose(np.abs(echo.spectrum), 1 / (2 * 5.0), rtol=1e-5)
+
+
 def test_near_leaves_are_counted_once() -> None:
     discs = discs_of([[0.3, 0, 0], [1.5, 0, 0], [6.0, 0, 0]], [1.0, 0, 0], 0.04)
     for model in MODELS:
