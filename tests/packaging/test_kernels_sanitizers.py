@@ -10,8 +10,12 @@ from references.scripts import ROOT, script
 
 builder = script("packaging/build_kernels.py")
 PRELOADED = {"address,undefined": "libasan.so", "thread": "libtsan.so"}
-OPTIONS = {"ASAN_OPTIONS": "detect_leaks=0", "TSAN_OPTIONS": "exitcode=66"}  # Python's own leaks
-TESTS = ["-m", "pytest", "-n0", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow"]
+OPTIONS = {
+    "ASAN_OPTIONS": "detect_leaks=0",  # Python's own leaks
+    "TSAN_OPTIONS": "exitcode=66",
+    "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "yes",  # what is not imported need not be watched
+}
+TESTS = ["-m", "pytest", "-q", "--assert=plain", "-x", "-p", "no:cacheprovider", "-m", "not slow"]
 # Functions with a fault of each kind, and a call that shows it.
 FAULTS = """
 #include "kernels.h"
@@ -46,14 +50,9 @@ def under(tmp_path):
 
     def run(sanitizer, sources, *words):
         library = tmp_path / "_kernels.so"
-        gcc = [
-            "gcc",
-            "-g",
-            f"-fsanitize={sanitizer}",
-            "-fno-sanitize-recover=all",
-            f"-I{builder.ROOM}",
-        ]
-        subprocess.run([*builder.compilation(gcc, sources, library), "-O1"], check=True)
+        gcc = ["gcc", "-g1", f"-fsanitize={sanitizer}", "-fno-sanitize-recover=all"]
+        build = builder.compilation([*gcc, f"-I{builder.ROOM}"], sources, library)
+        subprocess.run([*build, "-Og"], check=True)
         name = ["gcc", f"-print-file-name={PRELOADED[sanitizer]}"]
         found = subprocess.run(name, capture_output=True, text=True, check=True).stdout.strip()
         if not os.path.isabs(found):
