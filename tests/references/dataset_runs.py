@@ -27,6 +27,14 @@ def run(*words, **more):
     return subprocess.run(command(*words), cwd=ROOT, capture_output=True, text=True, **more)
 
 
+def here(*words):
+    """The command in this process, with workers of its own; a process of its own for it takes seconds."""
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        code = main(command(*words)[3:])
+    return subprocess.CompletedProcess(words, code, "", said.getvalue())
+
+
 class _Lent:
     """A Blender that does not end with who used it."""
 
@@ -62,11 +70,9 @@ class Warm:
 
     def run(self, *words):
         """The command in this process, its scenes made by this worker."""
-        said = io.StringIO()
-        with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(said):
+        with pytest.MonkeyPatch.context() as patch:
             self.lend(patch)
-            code = main(command(*words)[3:])
-        return subprocess.CompletedProcess(words, code, "", said.getvalue())
+            return here(*words)
 
 
 def bytes_of(out):

@@ -7,12 +7,14 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
-from references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, command, run
+from references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, command, here, run
 
 from forest_addon.base.rng import stream
+from headless.dataset import engine
 from headless.lock import only_one
 
 pytestmark = [
@@ -114,8 +116,11 @@ def test_twenty_five_kills_lose_nothing(tmp_path):
         seed += 1
 
 
-def test_a_scene_that_never_ends_is_set_aside_and_the_rest_goes_on(undisturbed, tmp_path, warm):
+def test_a_scene_that_never_ends_is_set_aside_and_the_rest_goes_on(
+    undisturbed, tmp_path, warm, monkeypatch
+):
     """The grid's second value is the endless scan; the first may need more time on a busy machine."""
+    monkeypatch.setattr(engine, "TRIES", 1)  # the second would end as the first does
     usual = min(float(row["seconds"]) for row in manifest(undisturbed))
     words = ("--set", "vary.sensors[tls].angle_step_deg={grid=[3.0,0.004]}", "--set", "count=2")
     words += ("--workers", "1", "--quiet", "--set", "vary.sensors[tls].max_range=20.0")
@@ -132,17 +137,9 @@ def test_a_scene_that_never_ends_is_set_aside_and_the_rest_goes_on(undisturbed, 
 
 
 def test_a_scene_that_needs_too_much_memory_is_set_aside(tmp_path, warm):
-    ended = warm.run(
-        *(PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", *ENDLESS),
-        *(
-            "--set",
-            "run.memory_gb=0.3",
-            "--set",
-            "count=1",
-            "--set",
-            "vary.sensors[tls].max_range=20.0",
-        ),
-    )
+    few = ("--workers", "1", "--quiet", "--set", "count=1", "--set", "run.memory_gb=0.3")
+    few += ("--set", "vary.sensors[tls].max_range=20.0")
+    ended = warm.run(PLAN, "--out", tmp_path / "data", *few, *ENDLESS)
     assert ended.returncode == 4
     (row,) = manifest(tmp_path / "data")
     assert row["status"] == "failed"
@@ -150,11 +147,14 @@ def test_a_scene_that_needs_too_much_memory_is_set_aside(tmp_path, warm):
 
 
 def test_a_full_disk_ends_the_command_and_keeps_what_is_done(tmp_path):
-    def little():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
-
-    words = (PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", "--set", "count=1")
-    ended = run(*words, preexec_fn=little)
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, usual[1]))  # of its worker's process, too
+    try:
+        ended = here(
+            PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", "--set", "count=1"
+        )
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
     assert ended.returncode == 1
     assert "what is finished is kept" in ended.stderr
     assert "Traceback" not in ended.stderr
@@ -178,20 +178,18 @@ def test_a_second_command_on_a_folder_is_refused(tmp_path, warm):
 
 @contextlib.contextmanager
 def scheduler(folder, port=0):
-    """A scheduler with a worker in a process of its own, and their address."""
+    """A process with a scheduler and a worker, and their address."""
     pytest.importorskip("distributed")
     code = (
         "import distributed, time\n"
-        "if __name__ == '__main__':\n"
-        "    c = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None,\n"
-        f"        scheduler_port={port})\n"
-        "    print(c.scheduler_address, flush=True)\n"
+        "with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False,\n"
+        f"        dashboard_address=None, protocol='tcp', scheduler_port={port}) as cluster:\n"
+        "    print(cluster.scheduler_address, flush=True)\n"
         "    time.sleep(600)\n"
     )
-    (folder / "cluster.py").write_text(code)
     with subprocess.Popen(
-        [sys.executable, folder / "cluster.py"],
-        cwd=ROOT,
+        [sys.executable, "-c", code],
+        cwd=folder,
         stdout=subprocess.PIPE,
         text=True,
         env=dict(os.environ) | {"PYTHONPATH": str(ROOT)},
@@ -205,19 +203,24 @@ def scheduler(folder, port=0):
 @pytest.mark.parametrize("whole", [FIELD], indirect=True)
 def test_a_scheduler_that_is_ended_is_said_and_started_again_goes_on(whole, tmp_path):
     out = tmp_path / "data"
+
+    def end(cluster):
+        wait_for(lambda: [*out.glob("tiles/*.rows")])
+        kill(cluster.pid)
+
     with scheduler(tmp_path) as (cluster, address):
-        words = command(FIELD, "--out", out, "--scheduler", address, "--quiet")
-        with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
-            wait_for(lambda: [*out.glob("tiles/*.rows")])
-            kill(cluster.pid)
-            said = process.communicate(timeout=200)[1]
-    assert process.returncode == 1, said
-    assert address in said
-    assert "Traceback" not in said
+        words = (FIELD, "--out", out, "--scheduler", address, "--quiet")
+        ending = threading.Thread(target=end, args=[cluster])
+        ending.start()
+        ended = here(*words)
+        ending.join()
+    assert ended.returncode == 1, ended.stderr
+    assert address in ended.stderr
+    assert "Traceback" not in ended.stderr
     assert not (out / "als.laz").exists()
     with scheduler(tmp_path, address.rpartition(":")[2]) as (_, again):
         assert again == address
-        ended = subprocess.run(words, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+        ended = here(*words)
     assert ended.returncode == 0, ended.stderr
     assert bytes_of(out) == whole
 
