@@ -147,7 +147,7 @@ def nearest_metric(crs: str) -> str:
     ):
         if flat.is_projected and one.name == plain and not one.deprecated:
             return f"EPSG:{one.code}"
-    if area is None or area.east - area.west > 60:
+    if area is None or ((area.east - area.west) % 360.0 or 360.0) > 60:
         return "a UTM zone, such as EPSG:32632"
     return metric_near((area.west + area.east) / 2, (area.south + area.north) / 2)
 

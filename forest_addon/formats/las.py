@@ -138,7 +138,8 @@ def write_las(
 
 @guarded("a LAS or LAZ file")
 def read_las(path: Path, crs: str = "") -> laspy.LasData:
-    """Read a LAS or LAZ file of any origin; coordinates in feet become metres, as its system says.
+    """Read a LAS or LAZ file of any origin; coordinates in feet become metres, as its system says, and points
+    that are withheld are left out.
 
     crs : its coordinate system, if it names none.
 
@@ -150,8 +151,18 @@ def read_las(path: Path, crs: str = "") -> laspy.LasData:
         _refuse_chunks(path, file.header)
         cloud = file.read()
     if not len(cloud.points):
-        raise SpecError(str(path), "has no points")
-    _, flat, up = _units(path, cloud.header, crs)
+        raise SpecError(str(path), "counts no points in its head; export it again")
+    steps = np.concatenate([cloud.header.scales, cloud.header.offsets])
+    if (
+        not np.isfinite(steps).all()
+        or not 0 < np.abs(steps[:3]).min() <= np.abs(steps[:3]).max() < 1e3
+    ):
+        raise SpecError(
+            str(path),
+            f"is broken: its scales and offsets are {', '.join(map(str, steps))}; export it again",
+        )
+    cloud.points = cloud.points[~np.asarray(cloud.withheld, dtype=bool)]
+    _, flat, up = units_of(path, cloud.header, crs)
     for part in (cloud.header, cloud.points):
         part.scales = part.scales * [flat, flat, up]
         part.offsets = part.offsets * [flat, flat, up]
@@ -201,7 +212,7 @@ def _refuse_chunks(path: Path, header: laspy.LasHeader) -> None:
             )
 
 
-def _units(path: Path, header: laspy.LasHeader, crs: str) -> tuple[str, float, float]:
+def units_of(path: Path, header: laspy.LasHeader, crs: str = "") -> tuple[str, float, float]:
     """Coordinate system of a file, and metres of its units on the map and in height."""
     stored = header.vlrs.get_by_id("LASF_Projection")
     sizes = [

@@ -28,12 +28,12 @@ from .crs import (
     GEO_KEYS,
     IN_DEGREES,
     MODEL,
-    can_tell_crs,
     metric_near,
     system_of,
     unit_named,
 )
 from .foreign import guarded
+from .table import text_of, words_of
 from .tree_map import column_of, pairs_of
 
 MOST_PIXELS = 100_000_000
@@ -55,21 +55,19 @@ HEIGHTS = (
     "height",
     "elevation",
     "elev",
-    "altitude",
     "alt",
     "hoehe",
     "hohe",
     "dtm",
     "dgm",
+    "gridcode",
+    *("cota", "quota", "kote", "altitud", "altitude", "elevacion", "elevazione"),
 )
+CLASSES = ("classification", "class")
+FLAT = 1e12  # of variances along and across, beyond which points lie on one line
 DEGREES = 0.01  # a step below which numbers that may be degrees are degrees
-POINTS, CLOUDS = (".xyz", ".txt", ".csv"), (".las", ".laz")
-GROUND_CLASS, MOST_POINTS = (
-    2,
-    2_000_000,
-)  # of a LAS: the class, and how many points of it are joined
-
-
+POINTS, CLOUDS = (".xyz", ".txt", ".csv", ".pts"), (".las", ".laz")
+GROUND_CLASS, MOST_POINTS = 2, 2_000_000  # and how many points of it are joined
 HEAD = re.compile(r"\s*(?:(?:ncols|nrows|[xy]ll\w+|cellsize|d[xy]|nodata\w*)\s+\S+\s+)+")
 
 
@@ -181,7 +179,7 @@ def read_raster(path: Path) -> GeoRaster:
     if ending == ".asc":
         return _read_ascii_grid(path)
     if ending in POINTS:
-        return _gridded(path, _read_points(path), *_system_beside(path))
+        return _read_points(path)
     if ending in CLOUDS:
         return _read_ground(path)
     if ending == ".npy":
@@ -333,7 +331,11 @@ def _read_ascii_grid(path: Path) -> GeoRaster:
     text = path.read_text("utf-8-sig", errors="replace").replace(",", ".").lower()
     head = HEAD.match(text)
     if head is None:
-        raise SpecError(str(path), "has no head of ncols, nrows, xllcorner, yllcorner, cellsize")
+        raise SpecError(
+            str(path),
+            "has no head of ncols, nrows, xllcorner, yllcorner, cellsize; if it holds points, end its name "
+            "in .xyz",
+        )
     said = {word: float(number) for word, number in re.findall(r"(\w+)\s+(\S+)", head[0])}
     values = np.array(text[head.end() :].split(), dtype=np.float64)
     columns, rows = int(said["ncols"]), int(said["nrows"])
@@ -364,30 +366,53 @@ def _system_beside(path: Path) -> tuple[str, float, float]:
     return system_of(path, crs, {})
 
 
-def _read_points(path: Path) -> np.ndarray:
-    """(N, 3) x, y and height of a text of columns, in metres; they are the first three where no line above
-    names them.
+def _read_points(path: Path) -> GeoRaster:
+    """Points of a text of columns: x, y and height as the line above names them, else the first three, in
+    metres; where it names classes, those of ground.
 
     Raises
     ------
-    SpecError : the line above names others.
+    SpecError : the line above names others, or fewer than there are; there are no points.
     """
-    text = path.read_text("utf-8-sig", errors="replace")
-    text = text.replace(",", ".") if ";" in text else text.replace(",", " ")
-    lines = text.replace(";", " ").splitlines()
-    first = next((k for k, line in enumerate(lines) if line[:1] in "-.0123456789 \t"), 0)
-    head = re.findall(r"[^\s\"#/]+", lines[first - 1]) if first else ["x", "y", "z"]
+    lines = [line.strip(" ") for line in text_of(path)[0].replace('"', "").splitlines()]
+    lines = [line for line in lines if line.strip()]
+    first = next((k for k, line in enumerate(lines) if line[0] in "+-.0123456789\t"), len(lines))
+    if first == len(lines):
+        raise SpecError(str(path), "has no line of numbers; give points x, y, z, one a line")
+    counts = len(lines[first].split()) == 1 and lines[first].isdigit()  # how many there are
+    rows = lines[first + counts :]
+    plain = re.sub(r"\s*,\s+|\s+,", ",", rows[0]) if rows else ""
+    by = next((mark for mark in ";\t" if mark in plain), None if " " in plain else ",")
+    wide = len(plain.rstrip(";\t,").split(by))
+    head = lines[first - 1].strip("#/% ").split(by) if first else ["x", "y", "z"][:wide]
     both = next(filter(all, pairs_of(path, head)), [])
     up = column_of(path, head, {}, "height", HEIGHTS)
     if not both or up is None:
         raise SpecError(
             str(path), "does not name its columns x, y and z; name them so in its first line"
         )
-    at, units, _ = zip(*filter(None, both), up, strict=True)
-    points = np.loadtxt(lines[first:], usecols=at, ndmin=2) * units
-    if re.search("lon|lng", head[at[0]].lower()):
+    if first and len(head) < wide:
+        raise SpecError(
+            str(path), f"names {len(head)} columns and has {wide}; name all in its first line"
+        )
+    if by != ",":
+        rows = [line.replace(",", ".") for line in rows]
+    found = [*filter(None, both), up]
+    known = [at for at, name in enumerate(head) if "".join(words_of(name)) in CLASSES]
+    points = np.loadtxt(rows, delimiter=by, usecols=[*(at for at, *_ in found), *known], ndmin=2)
+    if not first and wide > 3 and (np.diff(points[:, 0]) == 1).all():
+        raise SpecError(
+            str(path), "counts its rows in its first column; name the columns in its first line"
+        )
+    if known:
+        points = _of_ground(path, points[:, :3], points[:, 3])
+    if re.search("lon|lng", head[found[0][0]].lower()):
         raise _in_degrees(path, np.column_stack([np.eye(2), points[0, :2]]))
-    return points
+    crs, *units = _system_beside(path)
+    flat, high = (
+        said if name else own for (_, said, name), own in zip(found[1:], units, strict=True)
+    )
+    return _gridded(path, points, crs, flat, high)
 
 
 def _read_ground(path: Path) -> GeoRaster:
@@ -397,26 +422,52 @@ def _read_ground(path: Path) -> GeoRaster:
     ------
     SpecError : none is classed as ground.
     """
-    from .las import read_las
+    from .las import read_las, units_of
 
     cloud = read_las(path)
-    ground = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == GROUND_CLASS]
-    if len(ground) < 3:
-        raise SpecError(str(path), "has no points of class 2, ground; classify it first")
+    crs, flat, up = units_of(path, cloud.header)
+    ground = _of_ground(path, np.asarray(cloud.xyz), np.asarray(cloud.classification))
     ground = ground[:: len(ground) // MOST_POINTS + 1]
-    system = cloud.header.parse_crs() if can_tell_crs() else None
-    return _gridded(path, ground, system.to_wkt() if system else "", 1.0, 1.0)
+    return _gridded(path, ground / [flat, flat, up], crs, flat, up)
+
+
+def _of_ground(path: Path, points: np.ndarray, classes: np.ndarray) -> np.ndarray:
+    """Points (N, 3) that are classed as ground.
+
+    Raises
+    ------
+    SpecError : there are none; says which classes there are.
+    """
+    if not (classes == GROUND_CLASS).any():
+        there = ", ".join(f"{number:g}" for number in np.unique(classes)[:8])
+        raise SpecError(
+            str(path), f"has no points of class 2, ground, only of {there}; classify it first"
+        )
+    return points[classes == GROUND_CLASS]
 
 
 def _gridded(path: Path, points: np.ndarray, crs: str, flat: float, up: float) -> GeoRaster:
     """Points (N, 3) as a raster: the grid that they stand on, gaps without height; of scattered points what
-    is linear between them, on pixels of one point each, and no farther from them than two."""
+    is linear between them, on pixels of one point each, and no farther from them than two. Points at one
+    place count as one of their mean height.
+
+    Raises
+    ------
+    SpecError : they lie on one line.
+    """
     points = points[np.isfinite(points).all(axis=1) & ~np.isin(points[:, 2], NOTHING)]
+    place, at, many = np.unique(
+        points[:, 0] + 1j * points[:, 1], return_inverse=True, return_counts=True
+    )
+    points = np.column_stack([place.real, place.imag, np.bincount(at, points[:, 2]) / many])
+    if len(points) < 3 or np.linalg.cond(np.cov(points[:, :2].T)) > FLAT:
+        raise SpecError(
+            str(path),
+            f"has {len(points):,} points with a height, all on one line; a ground needs an area",
+        )
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     steps = [np.diff(np.unique(np.round(points[:, axis], 6))) for axis in (0, 1)]
     size = np.array([step.min() if len(step) else 0.0 for step in steps])
-    if not size.all():
-        raise ValueError("its points lie on one line")
     place = (points[:, :2] - low) / size
     whole = np.rint(place)
     columns, rows = whole.max(axis=0).astype(int) + 1
@@ -470,7 +521,9 @@ def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
         except Exception as problem:  # a damaged image fails anywhere
             why = why or " ".join(str(problem).split()) or type(problem).__name__
     more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
-    raise SpecError("", f"cannot be read ({why}); save it as PNG, TIFF or npy{more}")
+    raise SpecError(
+        "", f"cannot be read ({why}); save it as PNG, TIFF or npy, a cloud as LAS{more}"
+    )
 
 
 def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:

@@ -270,6 +270,28 @@ def refuse_unpacked(path: Path, size: int) -> None:
         )
 
 
+def text_of(path: Path) -> tuple[str, list[str]]:
+    """A file's text, UTF-8, UTF-16 or Windows' cp1252, packed by gzip or not, and what was guessed of it.
+
+    Raises
+    ------
+    SpecError : it unpacks to very much more than itself.
+    """
+    data = path.read_bytes()
+    if data.startswith(b"\x1f\x8b"):
+        with gzip.open(path) as file:
+            data = file.read(PACKED * len(data) + 1_000_001)
+            refuse_unpacked(path, len(data))
+    first = data[:2].find(b"\0")
+    encoding = {0: "utf-16-be", 1: "utf-16-le"}.get(first, "utf-8-sig")
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
+        encoding = "utf-16"
+    try:
+        return data.decode(encoding), []
+    except UnicodeDecodeError:
+        return data.decode("cp1252"), [f"{path.name}: is not UTF-8; read as Windows' cp1252"]
+
+
 def read_text(path: Path, is_head: Callable[[Sequence[str]], bool]) -> Sheet:
     """Read a table in text: commas, semicolons, tabs, bars or spaces; UTF-8, UTF-16 or Windows' cp1252;
     packed by gzip or not. is_head : whether cells are a header; without such a row the first one is.
@@ -278,20 +300,7 @@ def read_text(path: Path, is_head: Callable[[Sequence[str]], bool]) -> Sheet:
     ------
     SpecError : as ``sheet_of``; it unpacks to very much more than itself.
     """
-    data = path.read_bytes()
-    if data.startswith(b"\x1f\x8b"):
-        with gzip.open(path) as file:
-            data = file.read(PACKED * len(data) + 1_000_001)
-            refuse_unpacked(path, len(data))
-    said, first = [], data[:2].find(b"\0")
-    encoding = {0: "utf-16-be", 1: "utf-16-le"}.get(first, "utf-8-sig")
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
-        encoding = "utf-16"
-    try:
-        text = data.decode(encoding)
-    except UnicodeDecodeError:
-        text = data.decode("cp1252")
-        said = [f"{path.name}: is not UTF-8; read as Windows' cp1252"]
+    text, said = text_of(path)
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith(NOTES)]
     bare = {line: re.sub(r'"[^"]*"| ', "", line) for line in lines[:TITLES]}
     split = {line: max(" ;\t|,", key=told.count) for line, told in bare.items()}

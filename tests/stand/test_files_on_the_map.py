@@ -238,6 +238,14 @@ def test_the_page_names_every_ending_that_is_read():
         ),
         ("t.xyz", "lat lon z\n48 11 1\n48 11.1 2\n48.1 11 3\n", "lies in degrees"),
         ("t.csv", "a,b,c\n1,2,3\n2,1,3\n", "does not name its columns x, y and z"),
+        ("t.csv", "x,y,z\n1,5,2,5,3,5\n2,5,1,5,3,5\n2,5,9,5,3,5\n", "names 3 columns and has 6"),
+        ("t.xyz", "1 5 7 300\n2 6 7 300\n3 6 9 300\n", "counts its rows in its first column"),
+        ("t.xyz", "1 5 7\n2 6 7\n3 7 7\n", "has 3 points with a height, all on one line"),
+        ("t.xyz", "1 5 -9999\n2 6 -9999\n3 9 -9999\n", "has 0 points with a height"),
+        ("t.xyz", "nothing here\n", "has no line of numbers"),
+        ("t.csv", "x,y,z,class\n1,2,3,5\n2,1,3,1\n", "no points of class 2, ground, only of 1, 5"),
+        ("t.asc", "1 2 3\n4 5 6\n", "if it holds points, end its name in .xyz"),
+        ("t.pcd", "# .PCD v.7\n", "save it as PNG, TIFF or npy, a cloud as LAS"),
     ],
 )
 def test_text_in_degrees_or_of_other_columns_is_refused(tmp_path, name, text, said):
@@ -373,16 +381,29 @@ def written(path, kind):
     elif kind == "named":  # in another order, and in centimetres
         lines = ["{2:.1f};7;{0:.2f};{1:.2f}".format(*r[:2], 100 * r[2]) for r in rows]
         path.write_text("\n".join(["elev_cm;id;Rechtswert;Hochwert", *lines]))
+    elif kind == "titles, quotes, feet":
+        lines = ['"{:.2f}","{:.2f}","{:.3f}"'.format(*r[:2], r[2] / FOOT) for r in rows]
+        path.write_text("\n".join(["A survey", '"X","Y","Elevation (ft)"', *lines]), "utf-16")
+    elif kind == "tabs":  # a third of the points is no ground
+        lines = ["{:.2f}\t{:.2f}\t{:.3f}\t2".format(*r).replace(".", ",") for r in rows]
+        lines += ["{:.2f}\t{:.2f}\t{:.3f}\t5".format(*r[:2], 350) for r in rows[::2]]
+        path.write_text("\n".join(["x\ty\tz\tclassification", *lines]))
+    elif kind == "counted":  # as Leica's and CloudCompare's, and each point twice, 1 m apart
+        lines = [
+            "{:.2f} {:.2f} {:.3f} 99".format(*r[:2], r[2] + up) for r in rows for up in (-1, 1)
+        ]
+        path.write_text("\n".join(["//X Y Z Intensity", str(len(lines)), *lines]))
     elif kind == "commas":
         path.write_text("\n".join("{:.2f},{:.2f},{:.3f}".format(*r) for r in rows))
     else:
         scattered = np.random.default_rng(5).random((4000, 2)) * [WIDE, HIGH]
         cloud = laspy.create(point_format=6, file_version="1.4")
         cloud.header.scales, cloud.header.offsets = [0.001] * 3, [EAST, NORTH, 0]
-        high = np.arange(4000) % 2
+        high = np.arange(4000) % 3
         cloud.x, cloud.y = EAST + scattered[:, 0], NORTH + scattered[:, 1]
         cloud.z = plane(*scattered.T) + 12 * high  # vegetation above the ground
-        cloud.classification = np.where(high, 5, 2)
+        cloud.classification = np.where(high == 1, 5, 2)
+        cloud.withheld = high == 2
         cloud.write(path)
 
 
@@ -395,6 +416,9 @@ def written(path, kind):
         ("dem.xyz", "xyz"),
         ("dem.csv", "commas"),
         ("dem.txt", "named"),
+        ("dem.csv", "titles, quotes, feet"),
+        ("dem.txt", "tabs"),
+        ("dem.pts", "counted"),
         ("ground.laz", "cloud"),
     ],
 )
@@ -402,6 +426,43 @@ def test_grids_of_text_and_ground_of_clouds_are_read_as_geotiffs(tmp_path, name,
     written(tmp_path / name, kind)
     found, expected, _ = ground_of(tmp_path, scene(name))
     assert found == pytest.approx(expected, abs=1e-2)
+
+
+def test_a_unit_that_is_said_comes_before_that_of_the_file(tmp_path):
+    pytest.importorskip("pyproj")
+    for name, kind in (("g.las", "cloud"), ("dem.csv", "titles, quotes, feet")):
+        written(tmp_path / name, kind)
+    feet = read_inputs(scene("dem.csv", unit="ft"), tmp_path).terrain
+    assert feet.height(np.array([[10.5, 10.5]])) == pytest.approx(plane(10.5, 10.5) - 300, abs=1e-3)
+    cloud = laspy.read(tmp_path / "g.las")
+    cloud.header.add_crs(pytest.importorskip("pyproj").CRS("EPSG:2227"))
+    for part in (cloud.header, cloud.points):
+        part.scales, part.offsets = part.scales / US_FOOT, part.offsets / US_FOOT
+    cloud.write(tmp_path / "g.las")
+    for said in ({}, {"unit": "us-ft"}):
+        settings = scene("g.las", crs="EPSG:26943", **said)
+        found, expected, _ = ground_of(tmp_path, settings)
+        assert found == pytest.approx(expected, abs=1e-2)
+
+
+def test_east_and_north_exchanged_are_refused_as_trees_are(tmp_path):
+    pytest.importorskip("pyproj")
+    written(tmp_path / "dem.xyz", "xyz")
+    rows = [line.split() for line in (tmp_path / "dem.xyz").read_text().splitlines()[1:]]
+    (tmp_path / "dem.xyz").write_text("\n".join(f"{y} {x} {z}" for x, y, z in rows))
+    said = "dem.xyz: .* are far from where EPSG:32632 is used; exchange them"
+    with pytest.raises(SpecError, match=said):
+        read_inputs(scene("dem.xyz", crs="EPSG:32632"), tmp_path)
+
+
+@pytest.mark.parametrize("number", [0.0, float("nan"), 1e300])
+def test_steps_of_a_cloud_that_are_none_are_refused(tmp_path, number):
+    written(tmp_path / "g.las", "cloud")
+    data = bytearray((tmp_path / "g.las").read_bytes())
+    struct.pack_into("<d", data, 131, number)
+    (tmp_path / "g.las").write_bytes(data)
+    with pytest.raises(SpecError, match=r"g.las: is broken: its scales and offsets are"):
+        read_raster(tmp_path / "g.las")
 
 
 def obj(corners, path, _kind):
