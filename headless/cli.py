@@ -69,6 +69,12 @@ FILES = {
     "tcsh": "f",
     "powershell": "_shtab_powershell_compgen_files",
 }
+TODO = {
+    errno.EEXIST: ", and it is no folder; choose another --out",
+    errno.ENOTDIR: "; choose another --out",
+    errno.EACCES: "; choose another --out, or change its permissions",
+    errno.EROFS: "; choose another --out",
+}
 STUDIES = ("validate", "bench", "study", "simlidar", "reverb-figures", "flight")
 
 
@@ -268,11 +274,14 @@ def _say_nothing(_: object) -> None:
 
 def _in_words(problem: OSError) -> str:
     """One sentence for what the system refused."""
-    if problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+    if (
+        problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        or str(problem).endswith(" written")  # numpy's words
+    ):
         what = f" while writing {Path(problem.filename).name}" if problem.filename else ""
         return f"the disk is full{what}; free some space and run again, finished files are kept"
     if problem.errno in (errno.EMFILE, errno.ENFILE):
         return "the system lets this process open no more files; raise its limit (ulimit -n 1024)"
     if problem.strerror and problem.filename:
-        return f"{problem.filename}: {problem.strerror}"
+        return f"{problem.filename}: {problem.strerror}{TODO.get(problem.errno or 0, '')}"
     return str(problem)

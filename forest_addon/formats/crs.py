@@ -203,14 +203,18 @@ def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]
     return metres_of(target)[0] * np.array(change.transform(*place.T)).T, target
 
 
-def refuse_far(crs: str, place: np.ndarray, in_degrees: bool = False) -> None:
+def refuse_far(
+    crs: str, place: np.ndarray, in_degrees: bool = False, what: str = "coordinates"
+) -> None:
     """Refuse places (N, 2), in metres of a system or in degrees, whose middle is far from where it is used.
+
+    what : they are, in words.
 
     Raises
     ------
     SpecError : says where they are.
     """
-    if not can_tell_crs() or not len(place):
+    if not crs or not can_tell_crs() or not len(place):
         return
     import pyproj
 
@@ -228,7 +232,7 @@ def refuse_far(crs: str, place: np.ndarray, in_degrees: bool = False) -> None:
         names = "latitude and longitude" if in_degrees else "north and east"
         raise SpecError(
             "crs",
-            f"coordinates of {x:,.7g} east and {y:,.7g} north are far from where {crs} is used; exchange "
+            f"{what} of {x:,.7g} east and {y:,.7g} north are far from where {crs} is used; exchange "
             f"them if they are {names}, or name another system",
         )
 
@@ -241,7 +245,8 @@ def _known(crs: str) -> Any:
         return pyproj.CRS.from_user_input(crs)
     except pyproj.exceptions.CRSError:
         raise SpecError(
-            "crs", f'"{crs[:80]}" is no coordinate system that PROJ knows; write it as EPSG:32632'
+            "crs",
+            f'"{" ".join(crs.split())[:80]}" is no coordinate system that PROJ knows; write it as EPSG:32632',
         ) from None
 
 

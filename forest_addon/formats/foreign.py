@@ -13,7 +13,6 @@ import importlib
 import json
 import os
 import re
-import stat
 import struct
 from collections.abc import Callable, Iterable
 from itertools import takewhile
@@ -129,7 +128,6 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
         status = os.stat(path)
     except OSError:
         return
-    kind = stat.S_IFMT(status.st_mode)
     if _is_endless(path):
         raise SpecError(str(path), "is a device or a pipe; name a file")
     if status.st_size > most:
@@ -138,7 +136,7 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
             f"has {status.st_size / 1e9:.1f} GB, more than the {most / 1e9:g} GB that are read; "
             "give a smaller file",
         )
-    if kind == stat.S_IFDIR:
+    if os.path.isdir(path):
         return
     with open(path, "rb") as file:
         head = file.read(HEAD)
@@ -165,11 +163,7 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
 
 def _is_endless(path: StrPath) -> bool:
     """Return whether something is neither a file nor a folder; what is not there is not."""
-    try:
-        kind = stat.S_IFMT(os.stat(path).st_mode)
-    except (OSError, ValueError):
-        return False
-    return kind not in (stat.S_IFREG, stat.S_IFDIR)
+    return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
 
 
 def _refuse_endless_beside(path: Path, names: Iterable[str]) -> None:
@@ -305,16 +299,16 @@ def refuse_coarse(path: StrPath, corners: np.ndarray, exact: bool = False) -> No
 
 def _sentence(problem: Exception, what: str) -> str:
     """Sentence on what is wrong and what to do, without the file's name."""
-    if isinstance(problem, FileNotFoundError):
-        return "there is no such file; check the path"
-    if isinstance(problem, IsADirectoryError):
-        return f"is a folder; name {what} in it"
-    if isinstance(problem, UnicodeDecodeError):
-        return f"is not a text file; give {what} in UTF-8"
-    if isinstance(problem, RecursionError):
-        return f"is nested too deeply; give {what} that a person could read"
-    if isinstance(problem, MemoryError):
-        return "asks for more memory than there is; give a smaller file"
+    known: dict[type[Exception], str] = {
+        FileNotFoundError: "there is no such file; check the path",
+        IsADirectoryError: f"is a folder; name {what} in it",
+        UnicodeDecodeError: f"is not a text file; give {what} in UTF-8",
+        RecursionError: f"is nested too deeply; give {what} that a person could read",
+        MemoryError: "asks for more memory than there is; give a smaller file",
+    }
+    for kind, sentence in known.items():
+        if isinstance(problem, kind):
+            return sentence
     if isinstance(problem, OSError) and problem.strerror:
         return f"cannot be read: {problem.strerror}"
     lines = [line for line in str(problem).splitlines() if not line.startswith("Location:")]
@@ -324,6 +318,6 @@ def _sentence(problem: Exception, what: str) -> str:
         c if c.isprintable() else " " for c in re.sub(r"\bError: ", "", " ".join(lines))
     )
     why = " ".join(shown[:LONGEST].split()).rstrip(".") or type(problem).__name__
-    if isinstance(problem, NameError):  # of a reader that met no head
-        why = "its head is broken"
+    if isinstance(problem, NameError | KeyError):  # of a reader that met no head
+        why = "its head is broken" if isinstance(problem, NameError) else f"it has no {why}"
     return f"cannot be read as {what} ({why}); save it again"

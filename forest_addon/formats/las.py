@@ -44,6 +44,7 @@ COLOUR_OF_ORGAN[[WOOD, LEAF, GROUND, DEAD]] = 257 * np.array(
 )
 LEGACY, COLOURED = 4, 10  # point formats of rows with waveforms, beside 9
 COPC = ".copc.laz"
+NOISE = (7, 18)  # classes of ASPRS
 LAYERED = 3  # the compressor of LAZ whose chunks are layers
 LAYERS, BYTES = {10: 9, 12: 2}, 14  # of its items by their kind, else one; of extra bytes one each
 MOST_OF_CHUNK = 1_000_000  # points that a small file may count in a chunk
@@ -139,7 +140,7 @@ def write_las(
 @guarded("a LAS or LAZ file")
 def read_las(path: Path, crs: str = "") -> laspy.LasData:
     """Read a LAS or LAZ file of any origin; coordinates in feet become metres, as its system says, and points
-    that are withheld are left out.
+    that are withheld or noise are left out.
 
     crs : its coordinate system, if it names none.
 
@@ -150,18 +151,16 @@ def read_las(path: Path, crs: str = "") -> laspy.LasData:
     with laspy.open(path) as file:
         _refuse_chunks(path, file.header)
         cloud = file.read()
-    if not len(cloud.points):
-        raise SpecError(str(path), "counts no points in its head; export it again")
-    steps = np.concatenate([cloud.header.scales, cloud.header.offsets])
-    if (
-        not np.isfinite(steps).all()
-        or not 0 < np.abs(steps[:3]).min() <= np.abs(steps[:3]).max() < 1e3
+    steps = np.array([cloud.header.scales, cloud.header.offsets])
+    if not (
+        np.isfinite(steps).all() and 0 < np.abs(steps[0]).min() <= np.abs(steps[0]).max() < 1e3
     ):
-        raise SpecError(
-            str(path),
-            f"is broken: its scales and offsets are {', '.join(map(str, steps))}; export it again",
-        )
-    cloud.points = cloud.points[~np.asarray(cloud.withheld, dtype=bool)]
+        raise SpecError(str(path), f"is broken: its scales are {steps[0]}, its offsets {steps[1]}")
+    cloud.points = cloud.points[
+        (np.asarray(cloud.withheld) == 0) & ~np.isin(cloud.classification, NOISE)
+    ]
+    if not len(cloud.points):
+        raise SpecError(str(path), "has no points, or none but noise; export it again")
     _, flat, up = units_of(path, cloud.header, crs)
     for part in (cloud.header, cloud.points):
         part.scales = part.scales * [flat, flat, up]

@@ -63,8 +63,6 @@ HEIGHTS = (
     "gridcode",
     *("cota", "quota", "kote", "altitud", "altitude", "elevacion", "elevazione"),
 )
-CLASSES = ("classification", "class")
-FLAT = 1e12  # of variances along and across, beyond which points lie on one line
 DEGREES = 0.01  # a step below which numbers that may be degrees are degrees
 POINTS, CLOUDS = (".xyz", ".txt", ".csv", ".pts"), (".las", ".laz")
 GROUND_CLASS, MOST_POINTS = 2, 2_000_000  # and how many points of it are joined
@@ -175,16 +173,7 @@ def read_raster(path: Path) -> GeoRaster:
     ------
     SpecError : the file is missing, cannot be read, is in colour, has no pixels, or lies in degrees.
     """
-    ending = path.suffix.lower()
-    if ending == ".asc":
-        return _read_ascii_grid(path)
-    if ending in POINTS:
-        return _read_points(path)
-    if ending in CLOUDS:
-        return _read_ground(path)
-    if ending == ".npy":
-        return GeoRaster(_read_array(path).astype(np.float64))
-    return _read_image(path)
+    return READERS.get(path.suffix.lower(), _read_image)(path)
 
 
 def read_png(data: bytes) -> tuple[np.ndarray, float]:
@@ -220,7 +209,7 @@ def write_png(pixels: np.ndarray) -> bytes:
     return made.getvalue()
 
 
-def _read_array(path: Path) -> np.ndarray:
+def _read_array(path: Path) -> GeoRaster:
     array = np.load(path, mmap_mode="r", allow_pickle=False)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "buif":
         raise SpecError(str(path), "is not an npy file of real numbers; save a plain array")
@@ -230,7 +219,7 @@ def _read_array(path: Path) -> np.ndarray:
             f"has the shape {list(array.shape)}: no array of rows and columns, or more than "
             f"{MOST_PIXELS:,} numbers",
         )
-    return array
+    return GeoRaster(array.astype(np.float64))
 
 
 def _read_image(path: Path) -> GeoRaster:
@@ -274,8 +263,10 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
         raise SpecError(str(path), "lies by ground control points; warp it to a grid (gdalwarp)")
     else:
         return None
-    if colour:
-        raise SpecError(str(path), "is in colour; give one band of heights or amounts")
+    if colour or page.dtype.kind == "c":
+        raise SpecError(
+            str(path), "is in colour, or of complex numbers; give one band of heights or amounts"
+        )
     if not np.isfinite(transform).all() or not np.linalg.det(transform[:, :2]):
         raise SpecError(str(path), "does not say where it lies in numbers; save it again")
     if named.get("GTRasterTypeGeoKey") == POINT:
@@ -308,7 +299,8 @@ def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, A
     """The first band of stored numbers (H, W, C) with the meaning that GDAL's tags give them."""
     stored = pixels[..., 0]
     values = stored.astype(np.float64)
-    nothing = float(str(told[NO_DATA] or "nan").strip("\0 ") or "nan")
+    said_nothing = re.search(r"-?\d[\d.]*(e[+-]?\d+)?", str(told[NO_DATA]).replace(",", "."))
+    nothing = float(said_nothing[0]) if said_nothing else np.nan
     if stored.dtype == np.float32:
         nothing = float(np.float32(nothing))
     values[(values == nothing) | np.isin(values, NOTHING) | ~(np.abs(values) < ENDLESS)] = np.nan
@@ -328,7 +320,8 @@ def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, A
 
 def _read_ascii_grid(path: Path) -> GeoRaster:
     """An ESRI ASCII grid: a head of words and numbers, then heights from the north-west."""
-    text = path.read_text("utf-8-sig", errors="replace").replace(",", ".").lower()
+    # old Windows programs write -1.#IND
+    text = re.sub(r"-?1\.#\w+", "nan", text_of(path)[0].replace(",", ".").lower())
     head = HEAD.match(text)
     if head is None:
         raise SpecError(
@@ -339,11 +332,13 @@ def _read_ascii_grid(path: Path) -> GeoRaster:
     said = {word: float(number) for word, number in re.findall(r"(\w+)\s+(\S+)", head[0])}
     values = np.array(text[head.end() :].split(), dtype=np.float64)
     columns, rows = int(said["ncols"]), int(said["nrows"])
-    if len(values) != columns * rows:
-        raise SpecError(
-            str(path), f"has {len(values):,} heights, its head says {columns:,} x {rows:,}"
-        )
     size = np.array([said.get("dx") or said["cellsize"], said.get("dy") or said["cellsize"]])
+    if len(values) != columns * rows or not (size > 0).all():
+        raise SpecError(
+            str(path),
+            f"has {len(values):,} heights, its head says {columns:,} x {rows:,} of {size[0]:g} m; save it "
+            "again",
+        )
     corner = [
         said[f"{axis}llcenter"] - size[k] / 2
         if f"{axis}llcenter" in said
@@ -374,31 +369,30 @@ def _read_points(path: Path) -> GeoRaster:
     ------
     SpecError : the line above names others, or fewer than there are; there are no points.
     """
-    lines = [line.strip(" ") for line in text_of(path)[0].replace('"', "").splitlines()]
-    lines = [line for line in lines if line.strip()]
+    text = text_of(path)[0].replace('"', "")
+    lines = [line.strip(" ") for line in text.splitlines() if line.strip()]
     first = next((k for k, line in enumerate(lines) if line[0] in "+-.0123456789\t"), len(lines))
     if first == len(lines):
         raise SpecError(str(path), "has no line of numbers; give points x, y, z, one a line")
-    counts = len(lines[first].split()) == 1 and lines[first].isdigit()  # how many there are
-    rows = lines[first + counts :]
+    rows = lines[first + lines[first].isdigit() :]  # but for how many there are
     plain = re.sub(r"\s*,\s+|\s+,", ",", rows[0]) if rows else ""
     by = next((mark for mark in ";\t" if mark in plain), None if " " in plain else ",")
     wide = len(plain.rstrip(";\t,").split(by))
     head = lines[first - 1].strip("#/% ").split(by) if first else ["x", "y", "z"][:wide]
     both = next(filter(all, pairs_of(path, head)), [])
     up = column_of(path, head, {}, "height", HEIGHTS)
-    if not both or up is None:
+    if not both or up is None or (first and len(head) < wide):
         raise SpecError(
-            str(path), "does not name its columns x, y and z; name them so in its first line"
-        )
-    if first and len(head) < wide:
-        raise SpecError(
-            str(path), f"names {len(head)} columns and has {wide}; name all in its first line"
+            str(path),
+            f"does not name its columns x, y and z, or fewer than its {wide} columns; name each in its first "
+            "line",
         )
     if by != ",":
         rows = [line.replace(",", ".") for line in rows]
     found = [*filter(None, both), up]
-    known = [at for at, name in enumerate(head) if "".join(words_of(name)) in CLASSES]
+    known = [
+        at for at, name in enumerate(head) if "".join(words_of(name)) in ("classification", "class")
+    ]
     points = np.loadtxt(rows, delimiter=by, usecols=[*(at for at, *_ in found), *known], ndmin=2)
     if not first and wide > 3 and (np.diff(points[:, 0]) == 1).all():
         raise SpecError(
@@ -439,9 +433,10 @@ def _of_ground(path: Path, points: np.ndarray, classes: np.ndarray) -> np.ndarra
     SpecError : there are none; says which classes there are.
     """
     if not (classes == GROUND_CLASS).any():
-        there = ", ".join(f"{number:g}" for number in np.unique(classes)[:8])
         raise SpecError(
-            str(path), f"has no points of class 2, ground, only of {there}; classify it first"
+            str(path),
+            "has no points of class 2, ground, only of "
+            f"{', '.join(f'{number:g}' for number in np.unique(classes)[:8])}; classify it first",
         )
     return points[classes == GROUND_CLASS]
 
@@ -460,7 +455,7 @@ def _gridded(path: Path, points: np.ndarray, crs: str, flat: float, up: float) -
         points[:, 0] + 1j * points[:, 1], return_inverse=True, return_counts=True
     )
     points = np.column_stack([place.real, place.imag, np.bincount(at, points[:, 2]) / many])
-    if len(points) < 3 or np.linalg.cond(np.cov(points[:, :2].T)) > FLAT:
+    if len(points) < 3 or np.linalg.cond(np.cov(points[:, :2].T)) > 1e12:
         raise SpecError(
             str(path),
             f"has {len(points):,} points with a height, all on one line; a ground needs an area",
@@ -533,7 +528,7 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
         page: Any = file.pages[0]
         _refuse_large(page.imagewidth, page.imagelength)
         if page.samplesperpixel > MOST_SAMPLES or page.tilewidth * page.tilelength > MOST_PIXELS:
-            raise ValueError("its header is wrong")
+            raise ValueError(f"its head counts {page.samplesperpixel} bands, or tiles too large")
         pixels = page.asarray(maxworkers=1)
         pixels = np.moveaxis(pixels, 0, -1) if page.axes == "SYX" else pixels
         pixels = pixels.reshape(page.imagelength, page.imagewidth, -1)
@@ -582,3 +577,11 @@ def _refuse_large(wide: int, high: int) -> None:
             "",
             f"has {wide:,} x {high:,} pixels, more than {MOST_PIXELS:,}; make it coarser, or cut it",
         )
+
+
+READERS: dict[str, Callable[[Path], GeoRaster]] = {
+    ".asc": _read_ascii_grid,
+    ".npy": _read_array,
+    **dict.fromkeys(POINTS, _read_points),
+    **dict.fromkeys(CLOUDS, _read_ground),
+}

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -178,35 +179,22 @@ def _parse_ascii(text: bytes, name: str) -> np.ndarray:
         raise StlError(f"{name} is not an STL file; choose a binary or ASCII STL.")
     if b"#" in text:  # "1.#qnan", "-1.#ind", "1.#inf" of old Windows programs
         text = re.sub(rb"[+-]?1\.#[a-z]+\d*", b"nan", text)
-    loops = [loop.partition(b"end")[0] for loop in LOOP.split(text)[1:]]
-    values = _parse_numbers(b" ".join(loops).replace(b"vertex", b" "))
-    if len(values) != 9 * len(loops) or any(loop.count(b"vertex") != 3 for loop in loops):
-        bad = next((k for k, loop in enumerate(loops, 1) if not _is_triangle(loop)), 1)
-        raise StlError(
-            f"{name}: facet {bad} is not three vertices of three numbers; export it again."
-        )
-    return values.reshape(-1, 3, 3)
+    loops = enumerate(LOOP.split(text)[1:], 1)
+    values = (value for number, loop in loops for value in _corners(loop, number, name))
+    return np.fromiter(values, dtype=np.float64).reshape(-1, 3, 3)
 
 
-def _parse_numbers(text: bytes) -> np.ndarray:
-    """All numbers of a text, or none if a word is no number.
+def _corners(loop: bytes, number: int, name: str) -> list[float]:
+    """Nine numbers of what stands between "outer loop" and the next.
 
-    "1.2.3" is read as two numbers, so the caller has to count.
+    Raises
+    ------
+    StlError : they are not three vertices of three numbers.
     """
-    if not text:
-        return np.empty(0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            return np.fromstring(text, dtype=np.float64, sep=" ")
-        except (DeprecationWarning, ValueError):  # numpy is to turn the first into the second
-            return np.empty(0)
-
-
-def _is_triangle(loop: bytes) -> bool:
-    words = loop.split()
-    numbers = [word for place, word in enumerate(words) if place % 4]
-    try:
-        return words[::4] == [b"vertex"] * 3 and len(list(map(float, numbers))) == 9
-    except ValueError:
-        return False
+    words = loop.partition(b"end")[0].split()
+    if words[::4] == [b"vertex"] * 3 and len(words) == 12:
+        with suppress(ValueError):
+            return [float(word) for place, word in enumerate(words) if place % 4]
+    raise StlError(
+        f"{name}: facet {number} is not three vertices of three numbers; export it again."
+    )

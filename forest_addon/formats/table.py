@@ -282,8 +282,7 @@ def text_of(path: Path) -> tuple[str, list[str]]:
         with gzip.open(path) as file:
             data = file.read(PACKED * len(data) + 1_000_001)
             refuse_unpacked(path, len(data))
-    first = data[:2].find(b"\0")
-    encoding = {0: "utf-16-be", 1: "utf-16-le"}.get(first, "utf-8-sig")
+    encoding = {0: "utf-16-be", 1: "utf-16-le"}.get(data[:2].find(b"\0"), "utf-8-sig")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
         encoding = "utf-16"
     try:

@@ -12,6 +12,7 @@ one tree. What was taken for what, and what was left out, is in ``TreeMap.said``
 from __future__ import annotations
 
 import json
+import math
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -361,8 +362,10 @@ def _projected(sheet: Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, s
             )
         return place, crs
     position, system = moved(source, crs, place)
-    if system != crs or source == DEGREES:
-        sheet.said.append(f"{sheet.path.name}: coordinates are read in {source}, used in {system}")
+    if system != crs or source != system:
+        sheet.said.append(
+            f"{sheet.path.name}: coordinates are read in {source}, used in {system or 'its metres'}"
+        )
     return position, system
 
 
@@ -505,17 +508,20 @@ def _layer(path: Path) -> Sheet:
     return _features(path, features, told["crs"] or "")
 
 
-def _features(
-    path: Path, features: Sequence[tuple[Mapping[str, Any] | None, Mapping[str, Any]]], crs: str
-) -> Sheet:
+SHAPES = {"Point": 3, "MultiPoint": 1, "Polygon": math.inf, "MultiPolygon": math.inf}  # most parts
+
+
+def _features(path: Path, features: Sequence[tuple[Any, Mapping[str, Any]]], crs: str) -> Sheet:
     """A sheet of features, each a geometry and its properties; those give way to places and widths."""
     told = []
     for geometry, properties in features:
-        if geometry and not geometry["type"].endswith(("Point", "Polygon")):
+        there = geometry.get("coordinates", [0, 1]) if geometry else None
+        if there and (geometry["type"] not in SHAPES or len(there) > SHAPES[geometry["type"]]):
             raise SpecError(
-                str(path), f"has a {geometry['type']}; give trees as points, or crowns as polygons"
+                str(path),
+                f"has a {geometry['type']}; give trees as points, each its own, or crowns as polygons",
             )
-        place = _shape(geometry) if geometry else {}
+        place = _shape(geometry) if there else {}
         told.append(place | {k: cell for k, cell in properties.items() if k.lower() not in place})
     head = list(dict.fromkeys(["x", "y", *chain.from_iterable(told)]))
     cells = [["" if one.get(name) is None else str(one[name]) for name in head] for one in told]
@@ -539,7 +545,10 @@ def _shape(geometry: Mapping[str, Any]) -> dict[str, Any]:
 
 READERS = {".xlsx": _workbook, ".xlsm": _workbook, ".geojson": _geojson, ".json": _geojson}
 READERS |= dict.fromkeys((".gpkg", ".shp", ".fgb", ".zip"), _layer)
-UNREAD = (".xls", ".ods", ".parquet", ".dbf", ".kml", ".kmz", ".gpx", ".pdf", ".doc", ".docx")
+UNREAD = (
+    *(".xls", ".ods", ".parquet", ".dbf", ".kml", ".kmz", ".gpx", ".pdf", ".doc", ".docx"),
+    *(".mat", ".rds", ".db", ".sqlite", ".gdb", ".tab", ".dxf"),
+)
 
 
 def _sheet(path: Path) -> Sheet:

@@ -47,10 +47,9 @@ def read_wav(path: Path) -> tuple[np.ndarray, float]:
         raise SpecError(str(path), "says that it has 0 samples a second; save it again")
     if not samples.size:
         raise SpecError(str(path), "holds no sound")
-    if samples.dtype == np.uint8:
-        return (samples.astype(np.float64) - 128.0) / 128.0, float(rate)
-    if samples.dtype.kind == "i":
-        return samples / -float(np.iinfo(samples.dtype).min), float(rate)
+    if samples.dtype.kind in "ui":  # bytes count from 128
+        middle, half = 128.0 * (samples.dtype.kind == "u"), 2.0 ** (8 * samples.dtype.itemsize - 1)
+        return (samples - middle) / half, float(rate)
     if not np.isfinite(samples).all():
         raise SpecError(str(path), "holds NaN or infinity; repair it first")
     return samples.astype(np.float64), float(rate)

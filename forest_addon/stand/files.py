@@ -272,11 +272,11 @@ def _refuse_elsewhere(
     offset, corners = np.array(scene.offset[:2]), low + size * [[0, 0], [1, 0], [1, 1], [0, 1]]
     if np.all(holds(corners)):
         return
-    try:
-        if scene.crs:
-            refuse_far(scene.crs, np.mean(extent, axis=0, keepdims=True) + offset)
-    except SpecError as problem:
-        raise SpecError(key, f"{file}: {problem.problem}") from None
+    refuse_far(
+        scene.crs,
+        np.mean(extent, axis=0, keepdims=True) + offset,
+        what=f"{file}: coordinates",
+    )
     shifts = [middle - size / 2 - low for middle in (np.mean(extent, axis=0), *about)]
     tried = [one for shift in shifts for one in (np.round(shift + offset) - offset, shift)]
     good = next((offset + one for one in tried if np.all(holds(corners + one))), None)

@@ -34,7 +34,7 @@ def convolve(
     heard = auralise(echoes, sound, rate, dry_rate)
     if dry_rate != rate:
         say(f"{dry.name} is resampled from {dry_rate:g} to {rate:g} Hz.")
-    if normalise is not None:
+    if normalise is not None and heard.any():
         heard, gain = normalised(heard, normalise)
         say(f"Normalised by {gain:+.1f} dB: the largest sample is at {normalise:g} dB.")
     wet.parent.mkdir(parents=True, exist_ok=True)
