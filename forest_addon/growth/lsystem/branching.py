@@ -55,6 +55,7 @@ def system_of_grammar(grammar: Grammar) -> System:
     return read_system(axiom, [rule], notation=Notation(parametric=False))
 
 
+@lru_cache(maxsize=16)
 def string_of(grammar: Grammar) -> np.ndarray:
     """The string of a species' grammar as (S,) uint8 character codes; one of whorls is rewritten once.
 
@@ -63,7 +64,9 @@ def string_of(grammar: Grammar) -> np.ndarray:
     ValueError : the string would be longer than ``system.MAX_SYMBOLS``; says how long.
     """
     most = 1 if grammar.dialect == "tanveer-2020b" else grammar.generations
-    return rewrite(system_of_grammar(grammar), min(grammar.generations, most)).codes
+    codes = rewrite(system_of_grammar(grammar), min(grammar.generations, most)).codes
+    codes.setflags(write=False)
+    return codes
 
 
 def parse(symbols: np.ndarray, dialect: str = "tanveer-2020a") -> tuple[np.ndarray, np.ndarray]:

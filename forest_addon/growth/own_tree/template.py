@@ -37,7 +37,6 @@ from ...spec import Grammar, Jitter, Leaf
 from ..lsystem.branching import interpret, string_of
 from ..mesh.blades import Blade, lay, leaves_on_nodes
 from ..mesh.leaves import CopyStock, Leaves, about_vertical, leaves_apart, measure_leaves
-from ..mesh.meshing import repeated_edges
 from ..skeleton import branch_feet
 from .centreline import find_contacts
 from .recognise import Recognition, TemplateError, checked_facets, recognise
@@ -75,22 +74,23 @@ class BranchTemplate:
     angle: float
 
     @cached_property
-    def apart(self) -> tuple[TriMesh, CopyStock, np.ndarray]:
-        """Its wood, its leaves, each seen from where it hangs, and (L, 3) where that is: the corner or edge
-        middle of a leaf that is nearest to any wood."""
+    def apart(self) -> tuple[CopyStock, np.ndarray]:
+        """Its wood and then its leaves, each seen from where it hangs; (1 + L, 3) where that is: of a leaf the
+        corner or edge middle that is nearest to any wood."""
         wood, leaf_mesh, leaf_of_vertex = leaves_apart(self.mesh)
-        foot = np.zeros((len(self.leaves), 3))
-        if len(foot):
+        foot = np.zeros((1 + len(self.leaves), 3))
+        if len(self.leaves):
             corners = leaf_mesh.vertices[leaf_mesh.triangles]
             places = np.concatenate([corners, (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
-            owner = np.repeat(leaf_mesh.leaf, places.shape[1])
+            owner = np.repeat(1 + leaf_mesh.leaf, places.shape[1])
             places = places.reshape(-1, 3)
             gap = scipy.spatial.cKDTree(wood.vertices).query(places)[0]
             farthest_first = np.argsort(-gap, kind="stable")
             foot[owner[farthest_first]] = places[farthest_first]
-        hanging = leaf_mesh.vertices - foot[leaf_of_vertex]
-        stock = CopyStock.of(hanging, leaf_of_vertex, leaf_mesh.triangles, LEAF, LEAF_SLOT)
-        return replace(wood, edges=repeated_edges(wood.triangles, 0, 1)), stock, foot
+        owner = np.append(np.zeros(len(wood.vertices), int), 1 + leaf_of_vertex)
+        place = np.concatenate([wood.vertices, leaf_mesh.vertices]) - foot[owner]
+        triangles = [wood.triangles, leaf_mesh.triangles + len(wood.vertices)]
+        return CopyStock.of(place, owner, np.concatenate(triangles), LEAF, LEAF_SLOT), foot
 
 
 @dataclass(frozen=True, eq=False)  # one template is another only if it is the same object
@@ -139,10 +139,12 @@ def canonical_frame(axis: np.ndarray) -> np.ndarray:
 
     Z is as far up as the axis allows. Along an upright axis no side is up: Y stays what it is.
     """
-    side = np.cross([0.0, 0.0, 1.0], axis)
+    x, y, z = axis
+    side = np.array([-y, x, 0.0])
     norm = float(np.linalg.norm(side))
     side = side / norm if norm > 1e-9 else np.array([0.0, 1.0, 0.0])
-    return np.stack([axis, side, np.cross(axis, side)])
+    u, v, w = side
+    return np.array([axis, side, [y * w - z * v, z * u - x * w, x * v - y * u]])
 
 
 def _first_level(found: Recognition) -> Iterator[tuple[int, float, np.ndarray]]:
@@ -229,61 +231,45 @@ def graft(
     leaf_spread : relative standard deviation of leaf size.
     roll : radians that the branch is turned about its own axis.
 
-    A longer branch bears more leaves, not larger ones. The truth of a leaf is its template's, moved as
-    the leaf is moved.
+    A longer branch bears more leaves, not larger ones: their number goes with length^1.5, as a crown's leaf
+    area between its length and its area. A leaf of the template hangs there not at all, once or several
+    times, each further one turned about the vertical at the same foot. Its truth is moved as the leaf is.
     """
-    cos, sin = np.cos(roll), np.sin(roll)
-    rolled = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
-    turn = canonical_frame(site.direction).T @ rolled  # columns: images of X, Y, Z
-    wood = branch.apart[0]
-    wood = replace(wood, vertices=(wood.vertices * site.length) @ turn.T + site.foot)
-    leaves, truth, foot = _hang_leaves(branch, site.length, leaf_spread, rng)
-    mesh = join([wood, replace(leaves, vertices=leaves.vertices @ turn.T + site.foot)])
-    moved = replace(
-        truth,
-        centre=truth.centre @ turn.T + site.foot,
-        normal=truth.normal @ turn.T,
-        axis=truth.axis @ turn.T,
-    )
-    return mesh, moved, foot @ turn.T + site.foot
-
-
-def _hang_leaves(
-    branch: BranchTemplate, length: float, spread: float, rng: np.random.Generator
-) -> tuple[TriMesh, Leaves, np.ndarray]:
-    """Leaves of a branch of this length, their truth and feet, in the template's frame but in metres.
-
-    The number of leaves goes with length^1.5, as a crown's leaf area between its length and its area: a
-    leaf of the template hangs there not at all, once or several times, each further one turned about
-    the vertical at the same foot.
-    """
-    _, stock, leaf_foot = branch.apart
-    share = min((length / branch.length) ** 1.5, MOST_LEAVES_A_FOOT)
-    times = np.floor(share + rng.random(len(leaf_foot))).astype(int)
+    stock, feet = branch.apart
+    share = min((site.length / branch.length) ** 1.5, MOST_LEAVES_A_FOOT)
+    times = np.floor(share + rng.random(len(branch.leaves))).astype(int)
     source, rank = numbered(times)  # (L,) leaf of the template, and which copy of it
-    size = branch.length * (1 + spread * truncated_normal(rng, len(source)))
+    size = branch.length * (1 + leaf_spread * truncated_normal(rng, len(source)))
     turn = np.where(rank == 0, 0.0, np.pi * rng.uniform(0.4, 1.6, len(source)))
+    things = np.append(0, 1 + source)  # the wood, then leaves
+    size, turn = np.append(site.length, size), np.append(0.0, turn)
+    cos, sin, foot = np.cos(turn), np.sin(turn), feet[things] * site.length
 
-    mesh, vertex, of_vertex, of_triangle = stock.copy(source, np.zeros(len(source), bool))
-    mesh.leaf[:] = of_triangle
-    cos, sin = np.cos(turn), np.sin(turn)
-    blade = stock.place.take(vertex, axis=0)
-    turned = about_vertical(blade, cos.take(of_vertex), sin.take(of_vertex))
-    turned *= size.take(of_vertex)[:, None]
-    foot = leaf_foot[source] * length
-    turned += foot.take(of_vertex, axis=0)
-    own = branch.leaves
-    middle = about_vertical(own.centre[source] - leaf_foot[source], cos, sin)
+    mesh, vertex, of_vertex, of_triangle = stock.copy(things, np.zeros(len(things), bool))
+    mesh.leaf[:] = of_triangle - 1
+    wood = mesh.leaf < 0
+    mesh.part[wood], mesh.material[wood] = WOOD, BARK_SLOT
+    place = stock.place.take(vertex, axis=0)
+    place = about_vertical(place, cos.take(of_vertex), sin.take(of_vertex))
+    place *= size.take(of_vertex)[:, None]
+    place += foot.take(of_vertex, axis=0)
+
+    own, size, cos, sin, foot = branch.leaves, size[1:], cos[1:], sin[1:], foot[1:]
+    middle = about_vertical(own.centre[source] - feet[1 + source], cos, sin) * size[:, None]
+    c, s = np.cos(roll), np.sin(roll)
+    rolled = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    frame = canonical_frame(site.direction).T @ rolled  # columns: images of X, Y, Z
     truth = Leaves(
-        centre=foot + middle * size[:, None],
-        normal=about_vertical(own.normal[source], cos, sin),
-        axis=about_vertical(own.axis[source], cos, sin),
+        centre=(foot + middle) @ frame.T + site.foot,
+        normal=about_vertical(own.normal[source], cos, sin) @ frame.T,
+        axis=about_vertical(own.axis[source], cos, sin) @ frame.T,
         length=own.length[source] * size,
         width=own.width[source] * size,
         radius=own.radius[source] * size,
         branch=own.branch[source],
     )
-    return replace(mesh, vertices=turned), truth, foot
+    mesh = replace(mesh, vertices=place @ frame.T + site.foot)
+    return mesh, truth, foot @ frame.T + site.foot
 
 
 def fit_grammar(template: TreeTemplate) -> Grammar:
