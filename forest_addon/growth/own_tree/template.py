@@ -75,8 +75,8 @@ class BranchTemplate:
 
     @cached_property
     def apart(self) -> tuple[CopyStock, np.ndarray]:
-        """Its wood and then its leaves, each seen from where it hangs; (1 + L, 3) where that is: of a leaf the
-        corner or edge middle that is nearest to any wood."""
+        """Its wood and then its leaves, each seen from where it hangs; (1 + L, 3) where that is: of a leaf
+        the corner or edge middle that is nearest to any wood."""
         wood, leaf_mesh, leaf_of_vertex = leaves_apart(self.mesh)
         foot = np.zeros((1 + len(self.leaves), 3))
         if len(self.leaves):
