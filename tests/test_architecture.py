@@ -102,7 +102,7 @@ BUDGETS = {
     "forest_addon/drawing": (576, 6),
     "forest_addon/flight": (1806, 12),
     "forest_addon/formats": (3571, 29),
-    "forest_addon/growth": (7942, 36),
+    "forest_addon/growth": (7943, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1204, 17),
     "forest_addon/sensing": (12629, 94),
