@@ -11,12 +11,18 @@
 
 #ifdef _WIN32
 #define KERNEL __declspec(dllexport)
-#elif defined(__GLIBC__) && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-/* Twice in the library, and the loader takes what the CPU can run: the same operations in the same order, four at
- * once in place of two. By gcc alone, since of clang's no symbol has the function's own name. */
-#define KERNEL __attribute__((visibility("default"), target_clones("default", "avx2")))
 #else
 #define KERNEL __attribute__((visibility("default")))
+#endif
+
+/* Twice in the library, and the loader takes what the CPU can run: the same operations in the same order, four at
+ * once in place of two. By gcc alone, since of clang's no symbol has the function's own name. Not for functions that
+ * call others of ours: gcc leaves the upper halves of registers in use there, and all that follows is six times slower.
+ */
+#if defined(__GLIBC__) && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define WIDE KERNEL __attribute__((target_clones("default", "avx2")))
+#else
+#define WIDE KERNEL
 #endif
 
 /* As fmin and fmax, which cost a call: b where one of them is no number. */
@@ -92,16 +98,16 @@ KERNEL void send_rays(intersect1 intersect, void *tree, int64_t count, const int
  *     S·e^{2ika}·(1 + ka^1.5)/ka^2 over log(1 + 2ka) up to the size ``largest``, beyond which it bends (1 complex),
  *     is in tables, one after the other; wave (count) says in which. Those with an end (count) are times i/k.
  */
-KERNEL void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+WIDE void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                         const double *incidence, const double *factor, double first, double step, int64_t cells,
                         const double *table, double *values);
-KERNEL void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+WIDE void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                          const double *incidence, const double *factor, const int8_t *side, int64_t cells,
                          const double *hankel, double *values);
-KERNEL void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+WIDE void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                         const double *incidence, const double *factor, const double *later, const double *steps,
                         int64_t margin, int64_t rows, const float *table, double *values);
-KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+WIDE void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                       const double *phase, const double *level, const int8_t *wave, const int8_t *end,
                       double largest, const double *bend, double first, double step, int64_t cells,
                       const double *tables, double *values);
@@ -109,19 +115,19 @@ KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, co
 /* Multiplies values (nodes, count) complex of rows (count) by their level (all) times e^{sum over d of
  * basis[d, q] term[d, row]}; basis (terms, nodes), term (terms, all).
  */
-KERNEL void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all, const double *level,
+WIDE void weigh_echoes(int64_t nodes, int64_t count, const int64_t *rows, int64_t all, const double *level,
                          int64_t terms, const double *basis, const double *term, double *values);
 
 /* The angles (count), from 0 to a quarter of a turn, between normals (count, 3) and the ways from a point (3) to
  * centres (count, 3).
  */
-KERNEL void incidences(int64_t count, const double *centre, const double *normal, const double *point, double *angle);
+WIDE void incidences(int64_t count, const double *centre, const double *normal, const double *point, double *angle);
 
 /* The ways to centres (count, 3) from places (ends, 3), the mouth of a sonar and its ears, with their frames
  * (ends, 3, 3): axis, left, up. distance (count, ends); offset (count, ends, 2) off the axes, as beam_offsets of
  * sensing/sonar/beam.py.
  */
-KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const double *place, const double *frame,
+WIDE void trace_paths(int64_t count, const double *centre, int64_t ends, const double *place, const double *frame,
                         double *distance, double *offset);
 
 /* Opens blocks of leaves of one mesh: moves them into the world, bounds how loud each is, and keeps what may be heard.
@@ -142,7 +148,7 @@ KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const
  *     rows, for several calls: all that is opened fits in. Leaves that are kept are appended in order; leaves for
  *     which faces stand go, without away, offset and bound, to the end, each before the one before.
  */
-KERNEL void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const double *transform,
+WIDE void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const double *transform,
                         const double *scale, const int64_t *instance, const int64_t *order, const double *centre,
                         const double *normal, const double *radius, const int64_t *leaf, int64_t ends,
                         const double *place, const double *frame, const double *steepness, const double *told,
@@ -164,7 +170,7 @@ KERNEL void open_leaves(int64_t blocks, const int64_t *first, const int64_t *las
  * grid       (sums, size + width, columns) complex, added to; ``columns`` is ``nodes`` up to a multiple of 4
  * largest    (count) size of the largest of the heights of each
  */
-KERNEL void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
+WIDE void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
                        int64_t node_step, int64_t echo_step, int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
                        int64_t size, double *grid, double *largest);
 

@@ -116,6 +116,12 @@ def test_what_was_met_is_where_the_wind_has_it(windy, result):
     assert not motion["velocity"][ground].any()
 
 
+def test_a_scan_in_the_wind_builds_nothing_of_its_leaves_at_rest():
+    world = built(WINDY)
+    assert len(world.scan(SCAN))
+    assert "caster" not in vars(world.observer)
+
+
 @pytest.mark.medium
 def test_a_hit_among_swaying_trees_is_a_function_of_its_ray_and_its_time(monkeypatch):
     """In any order, in batches of any size, in C and in numpy, and what float64 finds."""

@@ -171,7 +171,8 @@ class Observer:
 
     def eyes(self, sensor: Sensor) -> Any:
         """Rays of a sensor: of the scene as it stands, or as it moves, where that was prepared."""
-        return self._moving.get(sensor, self.caster)
+        moving = self._moving.get(sensor)
+        return self.caster if moving is None else moving
 
     def observe(
         self,
@@ -220,8 +221,9 @@ class Observer:
                 f"{sensor.name}: what changes its shape may be {motion.bent:.1g} m off between frames; raise "
                 "the frame rate for less"
             )
-        above = self.caster.cast(points, np.broadcast_to((0.0, 0.0, 1.0), points.shape))
-        meshes, mesh_of = self.geometry.meshes, np.append(self.geometry.mesh_index, -1)
+        above = self.wood.cast(points, np.broadcast_to((0.0, 0.0, 1.0), points.shape))
+        solid = self.wood.scene
+        meshes, mesh_of = solid.meshes, np.append(solid.mesh_index, -1)
         buried = above.found & [
             mesh >= 0 and meshes[mesh].part[triangle] == GROUND
             for mesh, triangle in zip(mesh_of[above.instance], above.triangle, strict=True)
