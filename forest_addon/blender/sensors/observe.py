@@ -171,8 +171,7 @@ class Observer:
 
     def eyes(self, sensor: Sensor) -> Any:
         """Rays of a sensor: of the scene as it stands, or as it moves, where that was prepared."""
-        moving = self._moving.get(sensor)
-        return self.caster if moving is None else moving
+        return self._moving.get(sensor) or self.caster
 
     def observe(
         self,
@@ -222,8 +221,7 @@ class Observer:
                 "the frame rate for less"
             )
         above = self.wood.cast(points, np.broadcast_to((0.0, 0.0, 1.0), points.shape))
-        solid = self.wood.scene
-        meshes, mesh_of = solid.meshes, np.append(solid.mesh_index, -1)
+        meshes, mesh_of = self.wood.scene.meshes, np.append(self.wood.scene.mesh_index, -1)
         buried = above.found & [
             mesh >= 0 and meshes[mesh].part[triangle] == GROUND
             for mesh, triangle in zip(mesh_of[above.instance], above.triangle, strict=True)
