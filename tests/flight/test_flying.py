@@ -1,6 +1,5 @@
 """Policies in plane forests: what they reach, what is certain, what may go wrong; without Blender."""
 
-import sys
 import tracemalloc
 
 import numpy as np
@@ -199,19 +198,6 @@ def test_statistics():
     cloud = rng.normal(0, 1, (400, 3)) + is_it[:, None] * [2.0, 0, 0]
     weights = discriminant(cloud, is_it)
     assert area_under_curve(cloud @ weights[:-1], is_it) > 0.9
-
-
-@pytest.mark.slow
-def test_flight_needs_neither_blender_nor_gymnasium_for_this():
-    import subprocess
-
-    code = (
-        "import sys; sys.modules['bpy'] = None; sys.modules['mathutils'] = None\n"
-        "from forest_addon.flight import policies, flying, simulation\n"
-        "print('torch' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
 
 
 GUSTS = WindField.drawn(

@@ -58,7 +58,7 @@ def test_hard_scenes_keep_their_tolerance(simulator: str, number: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("simulator", CASES)
 def test_drawn_scenes_keep_their_tolerance(simulator: str) -> None:
-    for number in range(16):
+    for number in range(8):
         hold(CASES[simulator](number))
 
 

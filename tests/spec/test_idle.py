@@ -359,6 +359,7 @@ def test_every_setting_of_a_flight_changes_it_or_is_said_to_be_idle(stock, body)
         "distance": 3.0,
         "steps": 3,
         "speed": 2.0,
+        "thinnest": 0.03,
     }
     assert not silent(Flight(body=body, **free), flown)
 
