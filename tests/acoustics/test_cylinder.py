@@ -325,7 +325,6 @@ def test_gmres_is_elimination() -> None:
     np.testing.assert_allclose(iterated.every, direct.every, rtol=1e-7)
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("ka", [1e-3, 1e-2, 60.0])
 def test_sizes_that_overflow_without_scaling(ka: float) -> None:
     """Near neighbours with ka = 0.001 take orders whose Hankel functions pass 1e308."""
@@ -381,7 +380,6 @@ def in_phase(place: np.ndarray, along: np.ndarray, k: float, way: np.ndarray) ->
     return np.mean(np.abs(k**2 * volume / (4.0 * np.pi) * np.array(found)) ** 2, axis=1)
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(
     ("frequency", "allowed"), [(250.0, 0.2), (1e3, 0.1), (4e3, 0.15), (8e3, 0.5)]
 )

@@ -119,7 +119,6 @@ def test_hard_regions(model: str) -> None:
         np.testing.assert_allclose(value[:, 0], ka[:, 0] ** 2 / 2)
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("model", MODELS)
 def test_bound_holds_over_the_band(model: str) -> None:
     rng = np.random.default_rng(1)
@@ -162,7 +161,6 @@ def test_bound_at_normal_incidence_holds_for_smaller_and_turned_discs(model: str
             assert (backscatter(k * radius, angle, model) / k <= bound * (1 + 1e-12)).all()
 
 
-@pytest.mark.medium
 def test_beyond_the_table() -> None:
     """Large discs: optics and edge, and no step where the table ends."""
     angle = np.linspace(0, math.pi / 2, 300)
@@ -211,7 +209,7 @@ def test_large_discs_off_their_normal(ka: float) -> None:
 DIRECTIONS = [(0.3, 0.3, 0.0), (0.7, 1.2, 0.9), (0.4, 2.3, 2.0), (1.5, 1.5, 0.0), (0.0, 3.1, 1.0)]
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_separation_of_variables() -> None:
     ka = 2.0
     expected = hard_disc_spheroidal(ka, DIRECTIONS)
@@ -219,7 +217,7 @@ def test_separation_of_variables() -> None:
     np.testing.assert_allclose(values, expected, atol=1e-9 * max(ka**3, ka**2))
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(("ka", "incidence"), [(1e-2, 0.7), (30.0, 0.7)])
 def test_optical_theorem(ka: float, incidence: float) -> None:
     """∫|k·f|² dΩ = -4π·Im k·f forward (e^{+iωt}): nothing is lost."""

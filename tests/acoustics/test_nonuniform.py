@@ -84,7 +84,6 @@ def test_tolerance_is_kept_when_all_errors_add_up() -> None:
         assert np.abs(found.spectrum - count * exact).max() <= tolerance * count * size
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "tolerance"), [(1, 0.0), (2, 1e-3), (3, 1e-12), (7, 1e-6), (64, 1e-12), (65, 1e-3)]
 )
@@ -112,6 +111,7 @@ def ones(frequency, rows):
     return np.ones((len(frequency), len(rows)))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "delay",
     [
@@ -174,7 +174,7 @@ def test_same_numbers_give_the_same_bytes() -> None:
     np.testing.assert_array_equal(first.spectrum, again.spectrum)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(("sums", "tolerance"), [(1, 1e-6), (3, 0.0), (40, 1e-3)])
 def test_weighted_sums_of_the_same_echoes(sums: int, tolerance: float) -> None:
     """Of narrow and wide echoes, so that some are computed again with more nodes; 40 are several blocks."""
@@ -203,7 +203,6 @@ def test_weighted_sums_of_nothing() -> None:
     assert not found.spectrum.any()
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(("width", "stated"), list(enumerate(ALIASING, NARROWEST)))
 def test_aliasing_of_the_kernel(width: int, stated: float) -> None:
     """Every delay between two points, every bin: within the stated bound, and no wider than needed."""

@@ -57,7 +57,7 @@ def test_fly_writes_tables_picture_and_blend(tmp_path):
 @pytest.mark.slow
 def test_gaps_are_an_experiment(tmp_path, monkeypatch):
     monkeypatch.setattr("studies.flight.gaps.DRAWS", 2)
-    assert study(["flight", "gaps", "--size", "0.008", "--out", str(tmp_path)]) == 0
+    assert study(["flight", "gaps", "--size", "0.005", "--out", str(tmp_path)]) == 0
     assert (tmp_path / "gaps.png").stat().st_size > 10_000
     found = rows(tmp_path / "gaps.csv")
     assert len(found) == 5 * 6 * 4

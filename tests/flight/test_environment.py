@@ -92,7 +92,6 @@ def test_a_step_senses_what_the_sensors_find_there(env):
     assert told["sonar"].max() > 0.02
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(
     "scanner",
     [
@@ -360,7 +359,6 @@ def closed():
     return env
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(("do", "kind"), MISUSES.values(), ids=MISUSES)
 def test_misuse_gets_an_error_that_says_so(do, kind):
     with warnings.catch_warnings():

@@ -37,7 +37,6 @@ def loss(frequency, metres):
     return float(np.exp(-absorption(frequency) * metres))
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("radius", [0.05, 0.2])
 def test_a_trunk_sounds_as_a_large_cylinder_does(radius):
     """Geometrical acoustics: sqrt(a/(a + r))/(2r) at r from the near side; the first echo at 2r/c."""
@@ -52,7 +51,6 @@ def test_a_trunk_sounds_as_a_large_cylinder_does(radius):
     assert at == pytest.approx(2 * near / AIR.speed(), abs=1 / 20e3)
 
 
-@pytest.mark.medium
 def test_a_pole_adds_its_echo_to_the_leaves():
     task = EchoTask("pole", 1.4, 0.1)
     pole = task.heard(3, 5, True) - task.heard(3, 5, False)

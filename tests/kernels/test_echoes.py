@@ -69,6 +69,7 @@ def drawn(seed, spread):
     return ray, 19, distance, energy, 0.3, blur
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("bins", [None, Bins(np.array([0.0, 0.2, 0.5, 0.3, 0.1]), 0.1, 3)])
 @pytest.mark.parametrize("spread", [0, 1])
 @pytest.mark.parametrize("seed", range(3))
@@ -98,7 +99,7 @@ def tripod(**settings):
     return Terrestrial(**(given | settings))
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
@@ -120,7 +121,6 @@ def test_a_scan_is_the_same(both, settings):
     assert len(by_c) > 30
 
 
-@pytest.mark.medium
 def test_a_moving_scanner_and_cuts_anywhere(both):
     poses = (Pose(time=0.0, position=(-5.0, -8.0, 2.0)), Pose(time=1.0, position=(9.0, -3.0, 2.5)))
     scanner = Mobile(poses=poses, pulse_rate=400.0, line_rate=5.0, beam=BEAM, max_range=60.0)
@@ -226,6 +226,7 @@ MEASURED = MeasuredBeam(
 )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("settings", BEAMS.values(), ids=BEAMS)
 @pytest.mark.parametrize("model", MODELS)
 def test_opened_leaves_are_the_same(both, model, settings):

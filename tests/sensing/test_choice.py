@@ -204,7 +204,7 @@ def test_where_no_sensor_meets_a_leaf_none_grows_and_no_branch_moves(species):
     assert "no change" in str(choice)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_a_model_with_leaves_keeps_them_and_so_does_who_does_not_ask():
     for asked in (scene(Reverb(model="forest")), scene(Reverb(), detail="full"), scene()):
         full, some, chosen = grown(asked)

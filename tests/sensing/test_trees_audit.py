@@ -61,7 +61,7 @@ def test_the_tubes_of_species_are_within_their_tolerance(name, points):
     assert found.checked == POINTS
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_branch_that_is_thin_or_lost_is_found(birch, points):
     """Half of the wood is lost: that none of 24 points lies there has a chance of 6e-8."""
     tree, allowed = birch

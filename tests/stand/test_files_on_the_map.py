@@ -541,6 +541,7 @@ def process(tmp_path, pixels, planting, nodata=None):
     return process_of(planting, settings.forest, read_inputs(settings, tmp_path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "hole", "tag"), [("u1", 255, 255), ("f4", -9999, None), ("f4", np.nan, None)]
 )

@@ -124,27 +124,6 @@ def test_a_list_that_cannot_be_planted_is_refused(source, lists, words):
         plan_stand(2, Forest(), [planting], Inputs(lists=lists))
 
 
-# ---------------------------------------------------------------------------------------- settings
-
-
-@pytest.mark.parametrize(
-    ("values", "key"),
-    [
-        ({"expected": 3, "density": 0.1}, "density"),
-        ({}, "expected"),
-        ({"layout": "list"}, "trees"),
-        ({"layout": "list", "trees": "a", "collection": "b"}, "trees"),
-        ({"expected": 3, "polygon": ((0, 0), (1, 1))}, "polygon"),
-        ({"expected": 3, "holes": (((0, 0), (1, 1), (1, 0)),)}, "holes"),
-        ({"expected": 3, "slope_deg": (30, 10)}, "slope_deg"),
-    ],
-)
-def test_settings_that_contradict_each_other_are_refused(values, key):
-    with pytest.raises(SpecError) as caught:
-        Planting(species="m", **values)
-    assert caught.value.key == key
-
-
 def test_crowns_keep_apart():
     planting = Planting(species="m", expected=300, crown=1.2, scale=(0.5, 1.5))
     stand = plan_stand(1, Forest(), [planting])
@@ -242,7 +221,6 @@ def test_where_trees_were_deleted_or_moved_none_that_spacing_had_removed_moves_u
         assert stand.removed == plain.removed
 
 
-@pytest.mark.medium
 def test_a_tree_where_there_is_no_ground_is_said(tmp_path):
     np.save(tmp_path / "hill.npy", np.ones((4, 4)))
     field = FIELD.changed(terrain=Terrain(file="hill.npy"))
@@ -323,7 +301,6 @@ def brute(points, mark, spacing, rule):
     return keep
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("cluster", [False, True])
 @pytest.mark.parametrize("count", [2, 60, 900])
@@ -380,7 +357,6 @@ def test_a_distance_of_exactly_the_spacing_is_kept(rule):
     )
 
 
-@pytest.mark.medium
 def test_matern_ii_keeps_the_share_that_it_should():
     """Of a Poisson process, (1 - exp(-λπr²))/(λπr²) stay (Matérn 1960; Stoyan, Kendall and Mecke 5.4).
 

@@ -94,7 +94,6 @@ def test_every_tree_of_a_list_has_its_diameter(tmp_path):
     assert forests[8].wanted == pytest.approx(forests[3].wanted)  # whichever others stand
 
 
-@pytest.mark.medium
 def test_a_variant_of_which_no_tree_stands_lends_its_size_to_none():
     pine = load_species(find_species("scots-pine", Path()))
     targets = Targets(allometry="pinus-sylvestris", dbh=Normal(mean=0.1, sd=0.01))
@@ -182,7 +181,6 @@ def targets_grown(tmp_path, targets):
     return grow_forest(scene, [load_species(find_species("honda-birch", Path()))], None, inputs)
 
 
-@pytest.mark.slow
 def test_target_and_reached_of_every_tree(tmp_path, monkeypatch):
     forest = targets_grown(tmp_path, Targets(allometry="betula"))
     assert forest.notes == ()
@@ -208,7 +206,6 @@ def test_target_and_reached_of_every_tree(tmp_path, monkeypatch):
     assert columns["not_met"].shape == (3,)
 
 
-@pytest.mark.medium
 def test_what_a_list_says_in_vain_is_said(tmp_path):
     forest = targets_grown(tmp_path, None)
     assert forest.notes == (

@@ -23,7 +23,6 @@ from forest_addon.spec import (
     Gaussian,
     Planting,
     Scene,
-    SpecError,
     Strauss,
     Targets,
 )
@@ -269,6 +268,7 @@ def test_the_law_of_two_points_in_a_disc_is_the_integral_of_its_density():
         assert found == pytest.approx(share, abs=1e-10)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("draw", "law", "stands", "near"),
     [
@@ -313,7 +313,7 @@ def test_where_all_trees_see_each_other_their_number_is_known(gamma):
     assert stats.chisquare(have, want).pvalue > 1e-4
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gamma", "radius", "intensity"),
     [
@@ -343,6 +343,7 @@ def test_as_many_trees_stand_as_were_asked_for(gamma, radius, intensity):
     assert abs(np.mean(apart)) < 6 * errors[1]  # 8 stands: once in 1,800
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("gamma", "radius"), [(0.0, 4.0), (0.1, 5.0), (0.5, 9.0)])
 def test_a_mean_that_cannot_be_reached_is_refused_with_a_radius_that_can(gamma, radius):
     process = even(0.05)
@@ -392,8 +393,6 @@ def test_a_scene_plants_them_with_streams_of_their_own(layout):
     beside = plan_stand(3, field, (one, Planting(species="apple", expected=5)))
     assert 30 < len(alone) < 110
     assert (beside.position[beside.species == 0] == alone.position).all()
-    with pytest.raises(SpecError, match="cannot be used with"):
-        Planting(species="maple", expected=60, layout=layout, exact=True)
 
 
 @pytest.mark.slow
@@ -509,7 +508,6 @@ def test_no_parasol_and_no_surplus_of_leaves():
         assert index < 1.25 * MOST_INDEX
 
 
-@pytest.mark.medium
 def test_crowns_grow_into_gaps_between_neighbours_alone():
     rng = np.random.default_rng(2)
     ticks = 2.5 * np.arange(12)

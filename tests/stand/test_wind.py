@@ -32,7 +32,6 @@ def test_a_spectrum_has_unit_variance_and_its_peak():
     assert peak == pytest.approx([0.15, 0.45], rel=0.01)
 
 
-@pytest.mark.medium
 def test_wind_has_its_mean_and_its_variance_at_the_tops():
     """300 seeds of one place: the deviation of the mean is σ/√300, of a standard deviation σ/√600."""
     found = np.stack(
@@ -63,7 +62,7 @@ def test_trees_take_the_momentum_that_the_wind_loses():
         assert taken == pytest.approx(beta**2 * (1 - np.exp(-0.8 / beta**2)), rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_spectrum_of_half_an_hour_has_no_gaps():
     """Slope by the least squares of Welch's lines, 0.2 to 2 Hz, of wind at a point: Kaimal's own there."""
     frequency, steep = np.geomspace(0.2, 2.0, 200), []
@@ -153,7 +152,7 @@ def test_modes_have_the_energy_of_a_fine_integration_in_time():
     for way, part in parts:
         damper += (first @ way).T @ (part[:, None] * (first @ way))
 
-    step = np.arange(0.0, 90.0, 0.02)
+    step = np.arange(0.0, 90.0, 0.03)
     waves = field.waves(world)
     turning = np.exp(2j * np.pi * step[:, None] * field.frequency)
     gust = np.einsum("bkc,tk->tbc", waves, turning).real
@@ -263,12 +262,6 @@ def test_a_leaf_is_held_where_its_stalk_is():
     assert shape.seats.direction == pytest.approx(axis)
     held = shape.members_at(np.array([[0.15, 0.0, 10.0], [0.0, 0.08, 10.0]]), np.array([0, -1]))
     assert held[0] == held[1]
-
-
-def test_wind_that_cannot_be_is_refused():
-    for wrong in ({"speed": -1.0}, {"speed": 31.0}, {"speed": 5.0, "turbulence": 0.7}):
-        with pytest.raises(ValueError, match=r"speed|turbulence"):
-            Wind(**wrong)
 
 
 @pytest.mark.medium

@@ -20,7 +20,7 @@ from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import LeafSites, Skeleton, find_axes
 from forest_addon.growth.tree import grow
 from forest_addon.growth.truth import segment_table, shared_once, volume_of, wood_of_tree
-from forest_addon.spec import Detail, SpecError, Species
+from forest_addon.spec import Detail, Species
 
 BEECH = Wanted(0.517, 22.0, 12.0, 5.5, 330.0)
 PINE = Wanted(0.2, 16.5, 3.2, 9.0, 40.0)
@@ -94,7 +94,6 @@ def test_a_young_beech_keeps_its_leader():
     assert table["volume_m3"][stem].sum() > 0.5 * table["volume_m3"].sum()
 
 
-@pytest.mark.medium
 def test_conifers_stand_in_whorls():
     skeleton = tree_of("norway-spruce", Wanted(0.2, 16.0, 4.0, 5.0, 60.0)).skeleton
     first, _ = limbs_of(skeleton)
@@ -146,20 +145,12 @@ def test_without_shade_nothing_has_died():
     assert (tree.mesh.part == DEAD).sum() < 0.02 * len(tree.mesh.part)
 
 
-@pytest.mark.medium
 def test_every_measured_species_names_its_model():
     folder = find_species("maple", Path()).parent
     found = [read_settings(path, Species) for path in folder.glob("*.toml")]
     grown = [s for s in found if s.crown is not None]
     assert grown
     assert all(s.architecture is not None and s.architecture.model for s in grown)
-
-
-def test_an_architecture_needs_a_crown():
-    with pytest.raises(SpecError, match="crown"):
-        Species(
-            name="x", architecture=load_species(find_species("scots-pine", Path()))[0].architecture
-        )
 
 
 def elbow(angle, length=0.4, radius=0.05):
@@ -255,6 +246,7 @@ def test_wood_with_collars_is_closed_and_its_truth_is_the_volume_of_the_union():
     assert pieces > 1.02 * union  # what lies within the parent counts twice there
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("name", "wanted"),
     [

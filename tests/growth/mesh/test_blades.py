@@ -51,7 +51,6 @@ from forest_addon.spec import (
     Leaf,
     Needles,
     Siblings,
-    SpecError,
     Species,
     Template,
 )
@@ -454,13 +453,6 @@ def test_trees_of_every_growth_incline_their_leaves(kind):
     assert stats.kstest(angles_of(steep.leaves), beta_of(STEEP).cdf).pvalue > UNLIKELY
     again = measure_leaves(steep.mesh, steep.leaves.branch)
     assert np.allclose(np.abs(np.einsum("li,li->l", again.normal, steep.leaves.normal)), 1)
-
-
-def test_what_cannot_be_a_distribution_is_refused():
-    with pytest.raises(SpecError, match="40 is too wide for a mean of 10; use at most"):
-        Inclination(mean_deg=10, sd_deg=40)
-    with pytest.raises(SpecError, match="are all zero"):
-        Inclination(shares=(0, 0))
 
 
 # --------------------------------------------------------------------------------------------- cells

@@ -123,7 +123,6 @@ def test_cone_converges_to_its_closed_form(tolerance):
     assert volume(mesh) == pytest.approx(exact, rel=4 / n**2)
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("tolerance", [0.02])
 def test_mean_silhouette_is_the_cylinders(tolerance):
     """The mean over turns about the axis of the width seen from the side is the circle's: 1 ± 1e-9."""

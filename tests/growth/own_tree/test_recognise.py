@@ -281,7 +281,6 @@ def test_stems_of_a_bush_are_told_from_branches() -> None:
     assert sorted(found.stems) == [0, 1, 2]
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(
     "shape",
     [{"sides": 3}, {"sides": 24}, {"capped": True, "sides": 6}],
@@ -291,7 +290,6 @@ def test_structure_is_recognised_whatever_the_tubes_are_made_of(shape: dict[str,
     model.check(recognise(model.wood(), model.leaves()))
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("seed", [1, 4])
 def test_structure_does_not_depend_on_the_order_of_facets_nor_on_float32(seed: int) -> None:
     model = tree(seed, branches=5 + seed)
@@ -306,7 +304,6 @@ def test_structure_does_not_depend_on_the_order_of_facets_nor_on_float32(seed: i
     model.check(found, order)
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(("rings", "sides"), [(2, 4), (3, 7), (7, 12), (40, 4)])
 def test_centreline_does_not_depend_on_where_rings_are(rings: int, sides: int) -> None:
     model = Model()
@@ -492,7 +489,7 @@ def test_of_several_stems_the_largest_is_the_trunk() -> None:
     assert [b.height for b in split_tree(model.wood()).branches] == pytest.approx([0, 0], abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_contacts_agree_with_a_search_of_all_wood() -> None:
     model = tree(3)
     found = recognise(model.wood())
@@ -507,7 +504,7 @@ def test_contacts_agree_with_a_search_of_all_wood() -> None:
     gaps = np.full((len(points), found.wood.count), np.inf)
     for piece in range(found.wood.count):
         knots = slice(lines.first[piece], lines.first[piece + 1])
-        fine = np.linspace(0, lines.along[knots][-1], 2000)
+        fine = np.linspace(0, lines.along[knots][-1], 1000)
         axis = np.stack(
             [np.interp(fine, lines.along[knots], lines.knot[knots, k]) for k in range(3)], axis=1
         )

@@ -45,7 +45,6 @@ def check_box(found: Recognition) -> None:
     np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.35)
 
 
-@pytest.mark.medium
 def test_a_box_modelled_tree_is_cut_at_its_forks() -> None:
     facets = box_tree().facets()
     assert part(facets).count == 1
@@ -74,7 +73,6 @@ def test_feet_reach_into_the_mother_and_holes_are_closed() -> None:
         assert len(np.unique(loop)) == 2, piece  # two open ends, no other hole
 
 
-@pytest.mark.medium
 def test_noise_and_another_order_of_facets_change_no_branch() -> None:
     rng = np.random.default_rng(0)
     facets = box_tree().facets()
@@ -134,7 +132,6 @@ def test_a_plain_tube_is_not_cut_however_it_bends_or_swells() -> None:
     assert recognise(model.wood()).wood.count == 3
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(
     "facets",
     [

@@ -52,7 +52,7 @@ from forest_addon.growth.own_tree.relay import (
 from forest_addon.growth.own_tree.sibling import Grown, grow_sibling
 from forest_addon.growth.skeleton import Skeleton, depths
 from forest_addon.growth.tree import Tree
-from forest_addon.spec import Siblings, SpecError
+from forest_addon.spec import Siblings
 
 COUNT = 12
 NAMES = {"length": 1.0, "angle": 0.0, "thinning": 1.0}
@@ -111,7 +111,7 @@ def test_every_piece_begins_within_its_parent_and_every_leaf_sits_on_its_branch(
         assert gap.max() < worst + 1e-3
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["honda", "abop"])
 def test_no_trunk_is_cut_off(name):
     template = sibling(name, 0, variety=0.0).skeleton
@@ -123,7 +123,6 @@ def test_no_trunk_is_cut_off(name):
         assert (np.diff(radius[1:, 0]) < 0.02 * radius[0, 0]).all()  # the foot's cap aside
 
 
-@pytest.mark.slow
 def test_siblings_differ_and_follow_from_their_stream():
     one, again, other = (sibling("honda", seed) for seed in (4, 4, 5))
     np.testing.assert_array_equal(one.mesh.vertices, again.mesh.vertices)
@@ -144,7 +143,6 @@ def test_the_dial_turns_from_the_tree_itself_to_its_stand():
     assert 0 < middle[1] < high[1]
 
 
-@pytest.mark.medium
 def test_whorls_stay_whorls_and_a_spiral_a_spiral():
     wood = sibling("whorled", 3).skeleton
     first, _ = axes_of(wood)
@@ -164,7 +162,6 @@ def test_whorls_stay_whorls_and_a_spiral_a_spiral():
     assert np.rad2deg(np.median(off)) < 12
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("name", ["honda", "weeping"])
 def test_height_and_diameter_are_what_was_asked_for(name):
     tree = sibling(name, 2, height=9.0, dbh=0.4)
@@ -172,7 +169,6 @@ def test_height_and_diameter_are_what_was_asked_for(name):
     assert 2 * trunk_radius(tree.skeleton, 1.3) == pytest.approx(0.4, rel=0.03)
 
 
-@pytest.mark.slow
 def test_a_younger_tree_is_smaller_everywhere_with_shoots_as_thin():
     young, old = (portrait(sibling("honda", 1, age=age, variety=0.0)).numbers for age in (0.5, 2.0))
     here = portraits("honda")[0].numbers
@@ -200,11 +196,6 @@ def test_tables_say_how_a_cone_is_made():
     angle = np.rad2deg(insertion_angles(wood)[mine])
     found = np.rad2deg(np.interp(0.25, table.share, table.angle))
     assert found == pytest.approx(angle[near[0]].mean(), abs=3)
-
-
-def test_settings_that_contradict_each_other_are_refused():
-    with pytest.raises(SpecError, match="beside age"):
-        Siblings(age=2.0, height=10.0)
 
 
 def off_mesh(mesh: TriMesh, anatomy: Anatomy, grown: Grown) -> float:
@@ -410,7 +401,6 @@ def corners_of(facets: np.ndarray) -> np.ndarray:
     return rows[np.lexsort(rows.T[::-1])]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECIES)
 def test_the_hierarchy_of_our_own_trees_is_recovered_exactly(name):
     own = own_tree(name)
@@ -519,7 +509,7 @@ def check(found: Recognition) -> None:
         assert 0.6 < tall < 1.6
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("name", "sides", "capped", "done", "place"),
     [

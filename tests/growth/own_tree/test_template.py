@@ -103,7 +103,6 @@ def test_height_sets_the_unit() -> None:
     assert doubled.trunk_radius == pytest.approx(2 * metres.trunk_radius)
 
 
-@pytest.mark.medium
 def test_templates_do_not_change_when_the_tree_is_turned_and_moved() -> None:
     model = tree(7)
     cos, sin = np.cos(2.0), np.sin(2.0)
@@ -353,7 +352,7 @@ def test_every_twig_bears_nodes_times_leaves_of_their_true_size(wood):
         assert branch.leaves.radius * branch.length == pytest.approx(radius, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_species_file_asks_for_them(tmp_path):
     shutil.copy(ASSETS / "templates" / "maple" / "wood.stl", tmp_path)
     text = 'name = "dressed"\n[template]\nwood = "wood.stl"\n'

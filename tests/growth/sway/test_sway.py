@@ -63,7 +63,6 @@ def cone_with_tip_mass(foot: float, tip: float, mass: float) -> float:
     return brentq(determinant, found[first], found[first + 1]) / (2 * np.pi)
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("mass", [0.0, 30.0, 400.0])
 def test_a_tapered_cantilever_with_a_tip_mass_has_the_frequency_of_the_closed_form(mass):
     exact = cone_with_tip_mass(0.15, 0.05, mass)

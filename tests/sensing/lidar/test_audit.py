@@ -42,7 +42,7 @@ class Off(BruteCaster):
         return replace(hits, distance=distance)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_a_right_scan_passes_and_says_what_it_took():
     shift = 5e5
     caster = BruteCaster(scene(shift=shift))

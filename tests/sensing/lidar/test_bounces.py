@@ -93,7 +93,6 @@ def test_fresnel_by_angles_and_energy(angle, index):
     assert back == pytest.approx(specular.surface_reflectance(before, behind, np.array([index])))
 
 
-@pytest.mark.medium
 @given(st.floats(0.0, 1.57), st.floats(1.0, 3.0))
 def test_a_pane_is_the_sum_of_its_inner_reflections(angle, index):
     _, before, behind = cosines_of(angle, index)

@@ -179,7 +179,6 @@ def survey(**settings):
     return SurveyScan(scanner, caster, 3).sampled(Digitiser(3, 0.25, 1.0))
 
 
-@pytest.mark.medium
 def test_echoes_do_not_know_where_a_scan_is_cut():
     scan = survey()
     whole = scan.look(0, scan.pulses)

@@ -25,7 +25,7 @@ from forest_addon.sensing.lidar.waveform import (
     record,
     sent_pulse,
 )
-from forest_addon.spec import Airborne, Beam, LinkBudget, Receiver, SpecError, Surfaces, Terrestrial
+from forest_addon.spec import Airborne, Beam, LinkBudget, Receiver, Surfaces, Terrestrial
 
 KEEP = ("first", "last", "strongest", "strongest+last")
 
@@ -149,8 +149,6 @@ def test_light_beyond_the_dynamic_range_reads_the_same():
         cloud = looked([plate(distance)], Beam(), faintest=0.2, receiver=receiver)
         expected = min(0.5 / distance**2, 0.2 / 1000**2 * 100)
         assert cloud.intensity == pytest.approx([expected], rel=1e-6)
-    with pytest.raises(SpecError, match=r"receiver.dynamic_range: counts from the faintest"):
-        Terrestrial(receiver=receiver)
 
 
 def test_instruments_resolve_what_their_sheets_say():
@@ -307,13 +305,6 @@ def test_a_link_budget_sees_as_far_as_its_photons_reach():
     light = np.array([0.5 / reach**2])
     scanner = Terrestrial(link=link, beam=beam)
     assert received_energy(scanner, light) == pytest.approx(needed, rel=1e-12)
-
-
-def test_two_statements_of_the_threshold_are_refused():
-    with pytest.raises(SpecError, match="faintest: is given beside a link budget"):
-        Terrestrial(faintest=0.1, link=LinkBudget(energy=1.0, aperture=0.05))
-    with pytest.raises(SpecError, match="aperture: is missing"):
-        LinkBudget(energy=1.0)
 
 
 @given(
@@ -485,7 +476,6 @@ HARD_PULSE = [
 ]
 
 
-@pytest.mark.slow
 @settings(max_examples=10)
 @given(
     sigma=st.sampled_from(instruments()),
@@ -515,7 +505,6 @@ def test_no_pulse_is_lost_and_no_light(sigma, pulses, spread):
     assert len(np.unique(found.contact)) == len(found.contact)
 
 
-@pytest.mark.slow
 @settings(max_examples=10)
 @given(sigma=st.sampled_from(instruments()), places=contacts(most=45), seed=st.integers(0, 99))
 def test_every_contact_is_in_exactly_one_echo(sigma, places, seed):

@@ -168,8 +168,6 @@ def test_a_scanner_is_turned_on_its_platform():
 def test_nowhere_to_go():
     with pytest.raises(SpecError, match="poses: are missing"):
         pattern_of(Mobile())
-    with pytest.raises(SpecError, match="later than the pose before"):
-        Mobile(poses=(Pose(time=1.0), Pose(time=1.0)))
 
 
 def test_three_fans_look_down_ahead_and_back_by_turns():

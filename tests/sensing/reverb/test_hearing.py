@@ -252,7 +252,7 @@ def directivity_listen(forest: Trunks, directivity: Directivity, **settings: flo
     return impulse_response(forest, reverb, AIR, directivity=directivity)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_each_path_has_the_gain_of_its_departure() -> None:
     """One trunk at a time, and 12 at once by either sum: cardioid that points away from the receiver."""
     forest = trunks(12)
@@ -368,7 +368,6 @@ def test_refused_in_words() -> None:
         Place(position=(0.0, 0.0, -1.0))
 
 
-@pytest.mark.medium
 def test_each_channel_is_as_if_alone() -> None:
     rng = np.random.default_rng(0)
     trunks = Trunks(rng.uniform(-15, 35, (70, 2)), np.full(70, 0.2), np.arange(70))
@@ -418,7 +417,6 @@ def test_progress_runs_on_over_channels() -> None:
 # A dry sound in the forest: convolution, rates, levels, files.
 
 
-@pytest.mark.medium
 def test_convolution_by_its_definition() -> None:
     rng = np.random.default_rng(0)
     response, dry = rng.standard_normal((30, 2)), rng.standard_normal(50)

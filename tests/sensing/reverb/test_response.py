@@ -51,7 +51,6 @@ def scattered_trunks(count: int, seed: int = 0) -> Trunks:
     return Trunks(rng.uniform(-15, 35, (count, 2)), rng.uniform(0.02, 0.4, count), np.arange(count))
 
 
-@pytest.mark.medium
 def test_spectra_against_scalar_loops() -> None:
     """Every part at single frequencies; five radii over two octaves of panels, one twice."""
     trunks = forest(
@@ -119,7 +118,6 @@ def test_direct_and_ground_delay_and_level() -> None:
     assert (response.trunks, response.continued, response.late, response.clamped) == (0, 0, 0, 0)
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(("x", "angle"), [(25.0, math.pi), (-5.0, math.pi), (10.0, 0.0)])
 def test_tree_in_line(x: float, angle: float) -> None:
     """Straight back the echo leads the axis by a diameter's way, straight on it is with the axis."""
@@ -199,7 +197,6 @@ def caster(mesh: TriMesh) -> BruteCaster:
     return BruteCaster(SceneGeometry((mesh,), identity, one, ("wall",), one, one))
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(
     ("low", "high", "direct", "ground"),
     [

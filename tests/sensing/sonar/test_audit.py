@@ -58,7 +58,6 @@ def row_of_leaves(count, size, turn, apart):
     return EchoTargets(scene_of(replace(mesh, leaf=np.arange(count, dtype=np.int32))))
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(("size", "apart"), [(0.02, 0.0), (0.05, 343.2 / 60e3 / 2)])
 def test_equal_leaves_in_phase_are_kept(size, apart):
     """What a table is off by adds up where echoes are equal and in phase, unlike over a crown."""
@@ -69,7 +68,6 @@ def test_equal_leaves_in_phase_are_kept(size, apart):
     assert apart <= SMOOTH * exact.size.max()
 
 
-@pytest.mark.slow
 def test_what_was_left_out_without_leave_is_found():
     """An echo that culled a tenth where a ten-thousandth was allowed."""
     sonar = BAT.changed(cull=0.1, beam_width_deg=(20, 20))
@@ -91,7 +89,7 @@ def spectrum(found):
     return next(check for check in found.checks if "bins of the spectrum" in check.what)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_waveforms_of_a_moving_sonar_are_looked_at():
     sonar = BAT.changed(call="fm", doppler=True)
     pose = posed(sonar)
@@ -108,7 +106,6 @@ def test_silence_is_right():
     assert audit(ping(targets(), far, AIR), far, share=0.0).error == 0
 
 
-@pytest.mark.slow
 def test_one_facet_far_off_is_heard_to_the_last_digits_of_its_phase():
     """Two float64 sums of an echo of 10⁵ cycles differ by more than 1e-12 of it; more than that is found."""
     corners = np.array([(160, 0, 0), (160, 0.02, 0), (160.007, 0, 0.02)])

@@ -70,7 +70,6 @@ def alpha_of(echo, group):
     return factors(group, Station(SONAR, AIR, echo.pose, Equipment.of(SONAR)), 0)
 
 
-@pytest.mark.medium
 def test_each_ping_hears_a_plate_where_it_is_then():
     targets, moving = nearing(plate())
     times = [0.0, 0.31, 1.0, 1.77]
@@ -405,7 +404,6 @@ def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
     assert alike() < 0.9
 
 
-@pytest.mark.medium
 def test_truth_tells_where_leaves_rest(tmp_path):
     mesh, sways = crown(300), Sways(True)
     scene = scene_of(mesh, *PLACED)
@@ -466,7 +464,7 @@ def depths(mesh: TriMesh, distance: float, spread: int = 9) -> np.ndarray:
     return -np.log(Extinction(caster, station).transmission(np.stack([az, el]), far))
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(("facing", "g"), [(True, 1.0), (False, 0.5)])
 def test_optical_depth_is_projected_leaf_area_on_the_way(facing: bool, g: float) -> None:
     """τ = G·u·s: 1 for leaves face-on, ½ for leaves any way round; within four standard errors."""

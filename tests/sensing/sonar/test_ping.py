@@ -229,7 +229,7 @@ def test_record_that_no_memory_holds_is_refused() -> None:
         ping(discs_of([[2, 0, 2]], [1.0, 0, 0], 0.02), Sonar(band=(69_999.999, 70_000.0)), AIR)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(("model", "cull"), [("piston", 1e-4), ("paper", 1e-2), ("piston", 0.1)])
 def test_culling_keeps_its_promise(
     model: str, cull: float, monkeypatch: pytest.MonkeyPatch

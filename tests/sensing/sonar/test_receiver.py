@@ -227,28 +227,6 @@ def test_a_file_of_noise_comes_by_the_direct_path() -> None:
     assert level == pytest.approx(0.01 * math.sqrt(60 / 200) / np.array([0.215, 0.385]), rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("settings", "key"),
-    [
-        ({"source_level_db": None, "self_noise_db": 10.0}, "source_level_db"),
-        ({"threshold_db": 10.0}, "threshold_db"),
-        ({"ambient": "rain"}, "ambient_level_db"),
-        ({"resonance": 50e3, "transducer_file": "a.wav"}, "resonance"),
-        ({"gain": ((1.0, 0.0), (0.5, 0.0))}, "gain"),
-        ({"gain": ((0.0, 1e6),)}, "gain"),
-        (
-            {"self_noise_db": 0.0, "self_noise_shape": ((0.0, float("nan")),)},
-            "self_noise_shape[0][1]",
-        ),
-        ({"resonance": 250e3}, "receiver.resonance"),
-    ],
-)
-def test_settings_that_say_nothing_together_are_refused(settings: Any, key: str) -> None:
-    with pytest.raises(SpecError) as refused:
-        sonar_of(**settings)
-    assert refused.value.key == key
-
-
 def test_wind_and_insects_have_their_published_levels() -> None:
     """Levels over the frequencies at which they were measured, evenly spread."""
     for ambient, settings, level, width in (
@@ -362,7 +340,7 @@ def test_doppler_with_measured_ears_keeps_the_tolerance(known, model) -> None:
         assert (np.abs(fast.called - exact.called) <= tolerance * loudest * size).all()
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("model", "hearing"), [("paper", "omni"), ("piston", "measured"), ("exact", "measured")]
 )

@@ -19,7 +19,7 @@ from forest_addon.sensing.sonar.echo import Echo
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.station import Equipment, SonarPose, poses_of
 from forest_addon.sensing.trajectory import looking
-from forest_addon.spec import Air, Sonar, SpecError
+from forest_addon.spec import Air, Sonar
 
 AIR = Air(sound_speed=340.0)
 BAND = (60e3, 80e3)
@@ -174,22 +174,3 @@ def test_a_tone_has_one_bin() -> None:
     assert abs(echo.spectrum[0]) == pytest.approx(k * 0.01**2 / 2 / 4, rel=1e-9)
     assert len(echo.time) == 8000
     np.testing.assert_allclose(echo.envelope, abs(echo.spectrum[0]), rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("settings", "key"),
-    [
-        ({"beam": "file"}, "beam_file"),
-        ({"hearing": "file"}, "hearing_file"),
-        ({"call": "file"}, "call_file"),
-        ({"beam": "horseshoe", "band": (40e3, 80e3)}, "band"),
-        ({"doppler": True}, "doppler"),
-        ({"call": "fm", "band": (70e3, 70e3)}, "call"),
-        ({"band": (80e3, 70e3)}, "band"),
-        ({"tolerance": 0.5}, "tolerance"),
-    ],
-)
-def test_settings_that_make_no_sense(settings: dict, key: str) -> None:
-    with pytest.raises(SpecError) as caught:
-        Sonar(**settings)
-    assert caught.value.key == key

@@ -96,7 +96,7 @@ def near_leaves() -> LeafDiscs:
     return discs_of(place, rng.normal(size=(400, 3)), 0.04)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize(("made", "cull"), [(grove, 1e-3), (grove, 0.05), (near_leaves, 0.03)])
 def test_what_is_left_out_is_within_the_bound(
@@ -435,7 +435,7 @@ def test_a_tilted_pole_is_heard_where_it_is_square_to_the_sound() -> None:
     assert np.linalg.norm(echo.heard.position[0] - foot) < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_stretched_wood_is_thicker_or_longer() -> None:
     mesh = pole(0.01, 0.0)
     for stretch, radius, length in (([1, 1, 2.0], 0.01, 8.0), ([3.0, 3.0, 1], 0.03, 4.0)):

@@ -141,7 +141,7 @@ def drawn(kind: str, count: int) -> Iterator[tuple[Drawn, float, float, float]]:
         yield scene, *scene.compared(seed)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_sum_keeps_its_tolerance_and_knows_its_error(kind: str) -> None:
     sharp = []
@@ -166,7 +166,7 @@ def post_and_board() -> TriMesh:
     return join([pole, TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), OTHER)])
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kinds", "beam"),
     [({"wood": False}, "horseshoe"), ({"facets": False}, "gaussian"), ({}, "horseshoe")],

@@ -98,7 +98,6 @@ def test_bounds_hold_in_cells_of_every_size(name):
         assert (value >= lower - room).all()
 
 
-@pytest.mark.slow
 def test_raster_bounds_are_exact_in_cells_of_up_to_two_patches():
     grid, rng = raster(), stream(6, "exact")
     low = LOW + rng.uniform(0, 1, (100, 2)) * (SIZE - 6)
@@ -127,7 +126,7 @@ def test_raster_is_bilinear_between_centres():
     assert raster().at(LOW[None] - 0.1)[0] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["constant", "raster", "polygon", "sum"])
 def test_closed_integrals_agree_with_quadrature(name):
     intensity, rng = EVERY[name](), stream(8, "rect", name)
@@ -516,7 +515,6 @@ def test_rows_of_a_field_are_drawn_alone_as_all_at_once(corner):
             assert (getattr(part, name) == getattr(stand, name)[rows]).all(), name
 
 
-@pytest.mark.medium
 def test_slope_and_altitude_limit_where_trees_stand():
     ground = Heightmap(30 * stream(5, "hill").random((6, 9)), LOW, SIZE, "hill")
     field = Forest(size=tuple(SIZE), origin=tuple(LOW))

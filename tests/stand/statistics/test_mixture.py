@@ -39,7 +39,7 @@ def relative_error(fit, process):
     return ((fit.at(at) - law) ** 2).sum() / (law**2).sum()
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_it_finds_the_hills_also_that_beyond_the_edge():
     points, process = drawn(HILLS, 4_000, "found")
     points = points[NOTCHED.contains(points)]
@@ -53,7 +53,7 @@ def test_it_finds_the_hills_also_that_beyond_the_edge():
     assert fit.expected == pytest.approx(len(points), rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_it_is_a_maximum_of_the_likelihood():
     points, _ = drawn(HILLS, 800, "maximum")
     fit = fit_mixture(points, FIELD)
@@ -73,7 +73,7 @@ def test_it_is_a_maximum_of_the_likelihood():
                 assert likelihood(**{name: moved}) < best
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_trees_that_stand_evenly_or_in_an_orchard_get_no_hill():
     # BIC takes one hill of 5 parameters for chance with probability about 1 %: 3 of 6 has 2e-5.
     even = [fit_mixture(drawn(Constant(1.0), 300, "even", s)[0], FIELD) for s in range(6)]
@@ -84,7 +84,7 @@ def test_trees_that_stand_evenly_or_in_an_orchard_get_no_hill():
     assert fit.base == pytest.approx(400 / 1e4)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_hills_on_a_base():
     on_base = Sum(
         (Constant(0.2), Mixture(np.array([2.0]), np.array([[60.0, 40.0]]), np.full((1, 2), 8)))
@@ -183,7 +183,6 @@ def test_it_is_the_direct_sum_with_the_edge_correction(sigma):
     assert found.leave_one_out == pytest.approx(left, abs=allowed)
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(
     "window",
     [KERNEL_FIELD, Window((np.array([[0, 0], [100, 0], [90, 80], [0, 60.0]]),))],
@@ -223,7 +222,7 @@ def test_the_bandwidth_is_near_the_best_and_shrinks_with_more_trees():
     assert found[1] < 0.75 * found[0]  # n^(-1/6) would be 0.56
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_error_falls_at_the_rate_of_kernel_estimates():
     # MISE falls with n^(-2/3) in the plane where hills lie within the field. The slope from 200 to 1,600
     # trees, averaged over 4 samples, spreads by 0.08 about -0.65: bounds at 3 sigma.

@@ -88,7 +88,6 @@ def test_the_command_prints_both_tables_and_goes_on_where_it_was(
     assert [r | still for r in again] == [r | still for r in rows]
 
 
-@pytest.mark.medium
 def test_ctrl_c_keeps_what_is_finished(small, tmp_path, monkeypatch, capsys):
     observe = simlidar.observe
 

@@ -216,7 +216,6 @@ def test_a_tool_that_is_not_there_says_how_to_get_it(tmp_path):
         run_tasks(str(tmp_path / "none"), None, tmp_path, 1, 1)
 
 
-@pytest.mark.medium
 def test_the_page_has_a_row_a_quantity_and_names_what_failed(tmp_path):
     told = np.array([[15.5, 0.21, 0.2, 0.0], [17.0, 0.31, 5.1, 0.1]])
     ours, false = matched("plot", "pine", TRUTH, told)

@@ -92,7 +92,7 @@ def test_fortls_finds_the_diameter_and_taper_of_a_round_stem(turn_deg):
     assert taper_of([np.array([[1.0, 0.326], [1.3, 0.32], [1.6, 0.314]])]) == pytest.approx(-0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_stem_behind_another_is_hidden():
     stems = np.array([[5.0, 0.0, 0.4], [9.0, 0.0, 0.25], [0.0, 6.0, 0.3]])
     found = scan_plot(stems, 3, bark=False)
@@ -125,7 +125,7 @@ def test_a_tape_about_bark_reads_more_than_the_area_says():
     assert 0.003 < by_tape(cut) - 0.32 < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @needs_measurements
 def test_riojas_lists_match_in_most_plots():
     stems, chance, left = matched_stems(FOUND / "rioja")
@@ -185,7 +185,6 @@ def test_measured_variants_are_not_refused_and_presets_of_papers_are(tmp_path, m
 # The processes that mapped stands need, on the smallest map.
 
 
-@pytest.mark.slow
 @needs_measurements
 def test_young_pines_are_no_poisson_process_and_groups_serve_them():
     stand = next(s for s in MAPS if s.name == "finpines")

@@ -76,7 +76,6 @@ def test_stems_are_told_from_bushes():
     assert np.allclose(np.sort(radius), [0.1, 0.2], atol=0.005)
 
 
-@pytest.mark.slow
 def test_beam_and_noise_make_twigs_thicker_and_thick_branches_hardly():
     assert np.allclose(thicker(*NONE, 1), 1, atol=0.02)
     real = thicker(*REAL, 1)
@@ -110,7 +109,7 @@ def test_measured_clouds_and_plots_are_as_their_readme_says():
     assert ratios(*stems)[0][-1] == pytest.approx(0.82, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_cloud_of_ones_own_is_held_to_a_scene(tmp_path):
     """The cloud of the very scene agrees with it, however many returns its pulses have."""
     pytest.importorskip("bpy")
@@ -274,7 +273,7 @@ def test_stems_residuals_and_arcs_are_those_that_were_made():
     assert np.allclose(found[:, 4], 0.005, atol=0.0007)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_the_command_writes_table_and_picture(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cloud_sums, "MOST", 5000)
     files = [str(medium(tmp_path / f"{name}.las", 20_000, 0.2, 1)) for name in "ab"]
@@ -395,7 +394,6 @@ def test_crowns_of_a_drawn_plot_are_as_they_were_drawn():
 # Flight lines of real clouds flown again: thresholds that are read, shares of returns, their nulls.
 
 
-@pytest.mark.medium
 @needs_measurements
 def test_a_line_flown_again_sees_level_ground_from_as_far_as_the_cloud():
     some = replace(FLIGHTS[1], scale=IntensityScale(-20.0, 0.0))

@@ -36,7 +36,7 @@ def test_a_made_up_recording(tmp_path):
     assert np.isnan(found.excess[:, -1]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_stand_takes_more_the_farther_and_the_higher():
     stand = plausible_stands(4, 1)[0]
     found = range_of(stand, np.array([10.0, 80.0]))

@@ -80,7 +80,7 @@ def test_a_layer_of_trunks_and_branches_by_another_monte_carlo() -> None:
     assert np.abs(10 * np.log10(found / plain)).max() < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_between_mirrors_nothing_is_lost() -> None:
     """The energy that is counted falls as in the plane, 1/x, where all is even over the height."""
     edges = np.geomspace(100.0, 400.0, 6)

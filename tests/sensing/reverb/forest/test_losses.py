@@ -50,7 +50,7 @@ def losses_of(stand=STAND, source=SOURCE, receiver=RECEIVER, **changes):
     return Losses.of(Reverb(**(given | changes)), AIR, stand, source, receiver)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_trunk_in_space():
     """Both the weight and a path that rises, by an integral over vertical wavenumbers; far away to 1/kr."""
     k, radius, legs, turned, rise = 8.0, 0.15, (18.0, 24.0), 2.2, 3.0
@@ -115,7 +115,7 @@ def test_where_trunks_end_the_fresnel_integral_does():
     assert abs(found - expected) < 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("extinction", "lean", "surface", "bound", "spacing", "top"),
     [
@@ -293,7 +293,6 @@ def test_a_mesh_tells_its_branches_as_the_skeleton_has_them(birch):
     assert rises[1] == pytest.approx(rises[0], rel=0.05)
 
 
-@pytest.mark.medium
 def test_leaves_and_layers(birch):
     of_truth, of_mesh = blades_of_leaves(birch.leaves), blades_of_mesh(birch.mesh)
     assert of_mesh.area.sum() == pytest.approx(of_truth.area.sum(), rel=1e-6)

@@ -191,6 +191,7 @@ def test_noise_has_the_energy_of_transport():
     assert found[rows].sum() == pytest.approx((again[band] * lost * step * share).sum(), rel=0.15)
 
 
+@pytest.mark.medium
 def test_the_standard_error_is_the_spread_between_keys():
     """Of the level from the joint on, 12 keys: within a factor of 2 in octaves that it knows within 1 dB.
 
@@ -275,7 +276,6 @@ def test_a_few_trunks_have_no_tail(count):
     assert found.trees.any() == (count > 0)
 
 
-@pytest.mark.medium
 def test_an_opaque_stand():
     """More than 4 trunks a square metre: finite, and quiet soon."""
     trunks = stand_of(900, 7.5, 0.1)
@@ -284,7 +284,7 @@ def test_an_opaque_stand():
     assert found.samples.any()
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_same_seed_gives_the_same_noise_and_channels_their_own():
     trunks = stand_of(60, 15.0)
     reverb = Reverb(**SETTINGS, duration=0.1, array=2)

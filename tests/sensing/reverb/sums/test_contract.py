@@ -137,7 +137,7 @@ def test_the_exact_sum_is_exact_at_all_times(radii: tuple[float, float]) -> None
     assert max(tenths) < 1e-6 * 3e-5 * 10 * np.linalg.norm(truth)
 
 
-@slow
+@medium
 def test_the_exact_sum_with_every_loss_is_exact() -> None:
     paths, *ends = stand(3, (0.1, 0.3), 40.0, 10.0)
     losses = forest(ends, 1.0)
@@ -146,7 +146,7 @@ def test_the_exact_sum_with_every_loss_is_exact() -> None:
     assert np.linalg.norm(found - truth) < 3e-8 * np.linalg.norm(truth)
 
 
-@slow
+@medium
 def test_thick_trunks_beside_both_ends() -> None:
     """Was 4 to 7 times over in a tenth of the record."""
     rng = np.random.default_rng(5)
@@ -442,7 +442,6 @@ def test_what_is_left_out_is_below_its_bound(model):
     assert some.weak_bound < 3 * 10 ** (-75 / 20)  # what is allowed is set against an estimate
 
 
-@pytest.mark.medium
 def test_the_bound_holds_trunk_by_trunk():
     """Twenty trunks of any size and angle, each alone against its own bound."""
     trunks = record_stand(20, low=1e-3, high=2.0, seed=5)
