@@ -52,12 +52,7 @@ STYLE = {
 def draw_scan(scan: TractorScan) -> Figure:
     """The tractor's matrix: distance above, what was hit below."""
     figure, (far, what) = _figure(2, 1, (11, 6.6))
-    extent = (
-        float(scan.track[0]),
-        float(scan.track[-1]),
-        float(np.rad2deg(scan.angle[0])),
-        float(np.rad2deg(scan.angle[-1])),
-    )
+    extent = (*_edges(scan.track), *_edges(np.rad2deg(scan.angle)))
     distance = np.ma.masked_invalid(scan.distance.T)
     image = far.imshow(
         distance,
@@ -89,6 +84,13 @@ def draw_scan(scan: TractorScan) -> Figure:
         axes.set_ylabel("angle from the horizontal, °")
     what.set_xlabel("metres along the track")
     return figure
+
+
+def _edges(centre: np.ndarray) -> tuple[float, float]:
+    """Outer edges of cells whose centres are even steps apart; a cell alone is 1 wide."""
+    first, last = float(centre[0]), float(centre[-1])
+    half = (last - first) / (len(centre) - 1) / 2 if last != first else 0.5
+    return first - half, last + half
 
 
 def draw_cloud(cloud: Cloud, tripod: Terrestrial | None = None) -> Figure:
