@@ -99,7 +99,7 @@ BUDGETS = {
     "forest_addon/api": (879, 6),
     "forest_addon/base": (361, 12),
     "forest_addon/blender": (5168, 39),
-    "forest_addon/drawing": (576, 6),
+    "forest_addon/drawing": (580, 6),
     "forest_addon/flight": (1806, 12),
     "forest_addon/formats": (3571, 29),
     "forest_addon/growth": (7943, 36),
