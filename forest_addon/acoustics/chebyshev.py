@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy import fft
 
 
 def points(count: int) -> np.ndarray:
@@ -22,10 +22,17 @@ def points(count: int) -> np.ndarray:
 
 def coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     """Chebyshev coefficients of values (..., R, ...) at the points, along an axis."""
-    count = values.shape[axis]
-    series: np.ndarray = fft.dct(np.flip(values, axis), type=2, axis=axis) / count
-    series[(slice(None),) * axis + (0,)] *= 0.5
-    return series
+    series = np.tensordot(_sums(values.shape[axis]), values, (1, axis))
+    return np.moveaxis(series, 0, axis)
+
+
+@lru_cache(maxsize=64)
+def _sums(count: int) -> np.ndarray:
+    """(R, R) what values are multiplied with and added up to coefficients."""
+    quarters = np.outer(np.arange(count), 2 * np.arange(count)[::-1] + 1) % (4 * count)
+    sums = (2.0 / count) * np.cos(0.5 * math.pi / count * quarters)  # to rounding
+    sums[0] *= 0.5
+    return sums
 
 
 def polynomials(x: np.ndarray, count: int) -> np.ndarray:

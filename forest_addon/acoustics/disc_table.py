@@ -96,12 +96,12 @@ def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """
     size = np.clip(ka, 1e-9, LAST)
     sine, cosine = np.sin(angle), np.cos(angle)
-    over_angle = 4.0 * size * cosine * np.sqrt(angle + ANGLE_SHIFT) * ANGLE_STEP
-    over_size = 4.0 * (sine + RIPPLE) * np.sqrt(size + KA_SHIFT) * KA_STEP
+    over_angle = np.square(4.0 * size * cosine * ANGLE_STEP) * (angle + ANGLE_SHIFT)
+    over_size = np.square(4.0 * (sine + RIPPLE) * KA_STEP) * (size + KA_SHIFT)
     across = 2.0 * size * sine
-    rim = np.maximum(across, 1.0) ** -0.5
-    envelope = size * (0.5 * size * cosine * np.minimum(1.0, 2.0 * rim**3) + rim)
-    missed = (over_angle**4 + over_size**4) / 384.0
+    rim = 1.0 / np.sqrt(np.maximum(across, 1.0))
+    envelope = size * (0.5 * size * cosine * np.minimum(1.0, 2.0 * rim * rim * rim) + rim)
+    missed = (np.square(over_angle) + np.square(over_size)) / 384.0
     return (envelope * (MISSED * missed + ROUNDED) + SERIES * level(size)) / size
 
 

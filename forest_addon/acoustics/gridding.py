@@ -64,13 +64,22 @@ class DelayGrid:
 
     def spectrum(self, shares: np.ndarray, number: int = 0) -> np.ndarray:
         """(count,) complex, of a sum: its columns times their shares p (R, count), added up."""
-        whole = self._grid[number, :, : self._columns]
-        grid = np.ascontiguousarray(whole[: self._size].T)
-        grid[:, : len(whole) - self._size] += whole[self._size :].T
-        transformed = fft.fft(grid, axis=1, overwrite_x=True)
+        grid = self._grid[number, : self._size, : self._columns]
+        beyond = self._grid[number, self._size :, : self._columns]
+        grid[: len(beyond)] += beyond
+        beyond[:] = 0.0
+        transformed = fft.fft(grid.T, axis=1)
         below = self._count // 2
-        halves = transformed[:, self._size - below :], transformed[:, : self._count - below]
-        added = np.einsum("rk,rk->k", np.concatenate(halves, axis=1), shares)
+        added = np.empty(self._count, np.complex128)
+        np.einsum(
+            "rk,rk->k", transformed[:, self._size - below :], shares[:, :below], out=added[:below]
+        )
+        np.einsum(
+            "rk,rk->k",
+            transformed[:, : self._count - below],
+            shares[:, below:],
+            out=added[below:],
+        )
         return np.asarray(added / self._kernel.over_bins(self._count, self._size))
 
 

@@ -51,12 +51,12 @@ KERNEL = 0.25  # of the tolerance, for the transform
 TYPICAL = 0.4  # root of the mean square of the transform's error, over the largest
 PEAK = 3.5  # largest of many random values over their root of the mean square, about
 ALIKE = 1.5  # times as loud as echoes are together, of their own, errors may be
-VALUES_AT_ONCE = 1 << 16  # amplitudes at once: what is computed on the way fits a core's cache
+VALUES_AT_ONCE = 1 << 18  # amplitudes at once
 DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 15  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
-TRANSFORM = 1.2  # of the time of an amplitude, that of a bin of a transform
+TRANSFORM = 0.7  # of the time of an amplitude, that of a bin of a transform
 
 
 @dataclass(frozen=True)
@@ -157,16 +157,22 @@ def _planned(
     some = order[np.searchsorted(drawn, places).clip(0, len(loud) - 1)]
     weight = 1.0 / (draws * chance[some])
     dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
+    terms, rough = np.zeros((0, draws)), np.arange(draws)
+    largest, beyond = np.empty((2, draws))
     while True:
-        values = task.values(dense, some)
         # In double precision, so that what is left of a series is not its rounding.
-        terms = np.abs(chebyshev.coefficients(values.astype(np.complex128), 0))
-        size = float(weight @ np.abs(values).max(axis=0))
-        beyond = PEAK * np.sqrt(np.square(terms[3 * dense // 4 :]).sum(axis=0))
-        if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= RESOLVED * allowed * size:
+        values = np.ascontiguousarray(task.values(dense, some[rough]), np.complex128)
+        series = chebyshev.coefficients(values.view(np.float64), 0).view(np.complex128)
+        terms = np.append(terms, np.zeros((dense + 1 - len(terms), draws)), axis=0)
+        terms[:dense, rough] = np.abs(series)
+        left = np.square(terms[3 * dense // 4 :, rough]).sum(axis=0)
+        largest[rough], beyond[rough] = np.abs(values).max(axis=0), PEAK * np.sqrt(left)
+        size = float(weight @ largest)
+        little = RESOLVED * allowed * size
+        if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= little:
             break
+        rough = np.flatnonzero(beyond > 0.5 * little / weight.sum())
         dense = min(2 * dense, 2 * int(LEVELS[-1]))
-    terms = np.append(terms, np.zeros_like(terms[:1]), axis=0)
     # (dense + 1, S) that interpolation between n nodes misses: root of the mean square, and at most.
     # Twice at the ends of the band, where a term and what the nodes take it for are in phase.
     root = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond

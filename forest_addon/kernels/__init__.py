@@ -99,7 +99,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "open_leaves": (
         [
             *(_count, _int64s, _int64s, _doubles, _doubles, _int64s),
-            *(_int64s, _doubles, _doubles, _doubles, _int64s),
+            *(_doubles, _doubles, _doubles, _int64s),
             *(_count, _doubles, _doubles, _doubles, _doubles),
             *(_count, _count, _doubles, _count, _complexes, _count, _count, _count, _floats),
             *(_count, _int64s, _int64s, _doubles, _int64s, _doubles, _doubles, _doubles, _int64s),

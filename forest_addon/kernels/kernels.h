@@ -132,8 +132,8 @@ WIDE void trace_paths(int64_t count, const double *centre, int64_t ends, const d
 
 /* Opens blocks of leaves of one mesh: moves them into the world, bounds how loud each is, and keeps what may be heard.
  *
- * first, last, transform (3, 4), scale, instance (blocks): each block has the places first to last of ``order``,
- *     whose rows of centre, normal, radius, leaf a transform moves that turns, mirrors and scales evenly.
+ * first, last, transform (3, 4), scale, instance (blocks): each block has the rows first to last of centre,
+ *     normal, radius, leaf, which a transform moves that turns, mirrors and scales evenly.
  * ends, place, frame: as of trace_paths. steepness (ends, 2): of the logarithm of the loudest gain in the band over
  *     squared offsets; where one is no number, gains are left out of bounds.
  * told (16): nearest and farthest from the mouth; shortest way back to an ear, longest way in all; nepers a metre
@@ -149,7 +149,7 @@ WIDE void trace_paths(int64_t count, const double *centre, int64_t ends, const d
  *     which faces stand go, without away, offset and bound, to the end, each before the one before.
  */
 WIDE void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const double *transform,
-                        const double *scale, const int64_t *instance, const int64_t *order, const double *centre,
+                        const double *scale, const int64_t *instance, const double *centre,
                         const double *normal, const double *radius, const int64_t *leaf, int64_t ends,
                         const double *place, const double *frame, const double *steepness, const double *told,
                         int64_t model, int64_t peaks, const double *lobes, int64_t cells, const double *hankel,

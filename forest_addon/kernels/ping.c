@@ -576,7 +576,7 @@ static inline double paper_bound(const struct bounding *by, const double *turns,
 }
 
 void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, const double *transform,
-                 const double *scale, const int64_t *instance, const int64_t *order, const double *centre,
+                 const double *scale, const int64_t *instance, const double *centre,
                  const double *normal, const double *radius, const int64_t *leaf, int64_t ends, const double *place,
                  const double *frame, const double *steepness, const double *told, int64_t model, int64_t peaks,
                  const double *lobes, int64_t cells, const double *hankel, int64_t margin, int64_t rows,
@@ -602,15 +602,15 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
             double leg[BLOCK], left[BLOCK], up[BLOCK], sent[BLOCK], gain[BLOCK];
             double most[BLOCK] = {0.0}, least[BLOCK], longer[BLOCK] = {0.0};
             for (int64_t i = 0; i < some; i++) {
-                const double *c = centre + 3 * order[begin + i];
-                const double *n = normal + 3 * order[begin + i];
+                const double *c = centre + 3 * (begin + i);
+                const double *n = normal + 3 * (begin + i);
                 x[i] = t[0] * c[0] + t[1] * c[1] + t[2] * c[2] + t[3];
                 y[i] = t[4] * c[0] + t[5] * c[1] + t[6] * c[2] + t[7];
                 z[i] = t[8] * c[0] + t[9] * c[1] + t[10] * c[2] + t[11];
                 u[i] = (t[0] * n[0] + t[1] * n[1] + t[2] * n[2]) * shrunk;
                 v[i] = (t[4] * n[0] + t[5] * n[1] + t[6] * n[2]) * shrunk;
                 w[i] = (t[8] * n[0] + t[9] * n[1] + t[10] * n[2]) * shrunk;
-                a[i] = scale[b] * radius[order[begin + i]];
+                a[i] = scale[b] * radius[begin + i];
             }
             for (int64_t e = 0; e < ends; e++) {
                 trace(some, x, y, z, place + 3 * e, frame + 9 * e, leg, left, up);
@@ -691,7 +691,7 @@ void open_leaves(int64_t blocks, const int64_t *first, const int64_t *last, cons
                 double upright[3] = {u[i], v[i], w[i]};
                 memcpy(moved + 3 * to, middle, sizeof middle);
                 memcpy(turned + 3 * to, upright, sizeof upright);
-                number[to] = leaf[order[begin + i]];
+                number[to] = leaf[begin + i];
                 size[to] = a[i];
                 nearness[to] = held[i];
                 owner[to] = instance[b];

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -458,8 +459,7 @@ class LeafPopulation(Population):
 
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
-        order = self.blocks.order
-        return self._foliage.local[0][order], self._foliage.leaf[order]
+        return self.table[0], self.table[3]
 
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         widened = np.sqrt(views.stretch[:, 0] * views.stretch[:, 1]) * self._largest[views.block]
@@ -490,7 +490,7 @@ class LeafPopulation(Population):
         """
         key = (lowest, highest)
         if key not in self._tables:
-            _, normal, radius = (values[self.blocks.order] for values in self._foliage.local)
+            _, normal, radius, _ = self.table
             radius = np.nan_to_num(radius, posinf=0.0)
             classes = np.quantile(radius, np.linspace(0.0, 1.0, RADII + 1)[1:])
             step = np.linspace(0.0, np.pi / 2, STEPS + 1)
@@ -524,7 +524,8 @@ class LeafPopulation(Population):
             return [far]
         return [far.select(~near), *(made for made, _ in near_groups(far.select(near), sight))]
 
-    @property
+    @cached_property
     def table(self) -> tuple[np.ndarray, ...]:
-        """Arguments of the kernel: rows in the order of the blocks, and what they are of."""
-        return self.blocks.order, *self._foliage.local, self._foliage.leaf
+        """Centres, normals, radii and numbers of the leaves, in the order of the blocks."""
+        columns = *self._foliage.local, self._foliage.leaf
+        return tuple(column.take(self.blocks.order, 0) for column in columns)
