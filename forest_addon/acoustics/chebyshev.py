@@ -22,17 +22,15 @@ def points(count: int) -> np.ndarray:
 
 def coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     """Chebyshev coefficients of values (..., R, ...) at the points, along an axis."""
-    series = np.tensordot(_sums(values.shape[axis]), values, (1, axis))
-    return np.moveaxis(series, 0, axis)
+    return np.moveaxis(np.tensordot(_sums(values.shape[axis]), values, (1, axis)), 0, axis)
 
 
 @lru_cache(maxsize=64)
 def _sums(count: int) -> np.ndarray:
     """(R, R) what values are multiplied with and added up to coefficients."""
     quarters = np.outer(np.arange(count), 2 * np.arange(count)[::-1] + 1) % (4 * count)
-    sums = (2.0 / count) * np.cos(0.5 * math.pi / count * quarters)  # to rounding
-    sums[0] *= 0.5
-    return sums
+    share = np.where(np.arange(count) > 0, 2.0, 1.0) / count
+    return np.asarray(share[:, None] * np.cos(0.5 * math.pi / count * quarters))
 
 
 def polynomials(x: np.ndarray, count: int) -> np.ndarray:

@@ -63,24 +63,16 @@ class DelayGrid:
         return lay(self._kernel, place, cycles, weight, several, self._grid)
 
     def spectrum(self, shares: np.ndarray, number: int = 0) -> np.ndarray:
-        """(count,) complex, of a sum: its columns times their shares p (R, count), added up."""
-        grid = self._grid[number, : self._size, : self._columns]
-        beyond = self._grid[number, self._size :, : self._columns]
-        grid[: len(beyond)] += beyond
-        beyond[:] = 0.0
-        transformed = fft.fft(grid.T, axis=1)
+        """(count,) complex, of a sum, once: its columns times their shares p (R, count), added up."""
+        grid = self._grid[number, :, : self._columns].T
+        grid[:, : self._kernel.width] += grid[:, self._size :]
+        transformed = fft.fft(grid[:, : self._size], axis=1)
         below = self._count // 2
-        added = np.empty(self._count, np.complex128)
-        np.einsum(
-            "rk,rk->k", transformed[:, self._size - below :], shares[:, :below], out=added[:below]
+        halves = (
+            np.einsum("rk,rk->k", transformed[:, self._size - below :], shares[:, :below]),
+            np.einsum("rk,rk->k", transformed[:, : self._count - below], shares[:, below:]),
         )
-        np.einsum(
-            "rk,rk->k",
-            transformed[:, : self._count - below],
-            shares[:, below:],
-            out=added[below:],
-        )
-        return np.asarray(added / self._kernel.over_bins(self._count, self._size))
+        return np.concatenate(halves) / self._kernel.over_bins(self._count, self._size)
 
 
 def grid_of(sums: int, points: int, columns: int) -> np.ndarray:

@@ -157,16 +157,14 @@ def _planned(
     some = order[np.searchsorted(drawn, places).clip(0, len(loud) - 1)]
     weight = 1.0 / (draws * chance[some])
     dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
-    terms, rough = np.zeros((0, draws)), np.arange(draws)
-    largest, beyond = np.empty((2, draws))
+    terms, largest, rough = np.empty((0, draws)), np.empty(draws), np.arange(draws)
     while True:
         # In double precision, so that what is left of a series is not its rounding.
         values = np.ascontiguousarray(task.values(dense, some[rough]), np.complex128)
         series = chebyshev.coefficients(values.view(np.float64), 0).view(np.complex128)
         terms = np.append(terms, np.zeros((dense + 1 - len(terms), draws)), axis=0)
-        terms[:dense, rough] = np.abs(series)
-        left = np.square(terms[3 * dense // 4 :, rough]).sum(axis=0)
-        largest[rough], beyond[rough] = np.abs(values).max(axis=0), PEAK * np.sqrt(left)
+        terms[:dense, rough], largest[rough] = np.abs(series), np.abs(values).max(axis=0)
+        beyond = PEAK * np.sqrt(np.square(terms[3 * dense // 4 :]).sum(axis=0))
         size = float(weight @ largest)
         little = RESOLVED * allowed * size
         if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= little:
@@ -206,8 +204,7 @@ def _planned(
     nodes = _together(level, levels, task.count)
     error, scattered = (off / (size or 1.0) for off in missed(nodes[some]))
     used = np.flatnonzero(np.bincount(nodes)).tolist()
-    plan = [(number, np.flatnonzero(nodes == number)) for number in used]
-    return plan, error, scattered
+    return [(number, np.flatnonzero(nodes == number)) for number in used], error, scattered
 
 
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:

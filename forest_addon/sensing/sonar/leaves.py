@@ -490,8 +490,7 @@ class LeafPopulation(Population):
         """
         key = (lowest, highest)
         if key not in self._tables:
-            _, normal, radius, _ = self.table
-            radius = np.nan_to_num(radius, posinf=0.0)
+            normal, radius = self.table[1], np.nan_to_num(self.table[2], posinf=0.0)
             classes = np.quantile(radius, np.linspace(0.0, 1.0, RADII + 1)[1:])
             step = np.linspace(0.0, np.pi / 2, STEPS + 1)
             bound = amplitude_bound(lowest, highest, classes[:, None], step, self._model)
@@ -527,5 +526,5 @@ class LeafPopulation(Population):
     @cached_property
     def table(self) -> tuple[np.ndarray, ...]:
         """Centres, normals, radii and numbers of the leaves, in the order of the blocks."""
-        columns = *self._foliage.local, self._foliage.leaf
-        return tuple(column.take(self.blocks.order, 0) for column in columns)
+        order, foliage = self.blocks.order, self._foliage
+        return tuple(column.take(order, 0) for column in (*foliage.local, foliage.leaf))

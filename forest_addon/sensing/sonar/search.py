@@ -268,18 +268,17 @@ class EarAmplitudes:
 
     def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
         self._station, paths = station, group.paths
-        both, leg = [0, 1 + ear], paths.leg[:, ear]
+        leg = paths.leg[:, ear]
         self.length = paths.distance + leg
-        steepness, offset = station.steepness[both], paths.offset[:, both]
-        steady = np.einsum("med,med,ed->m", offset, offset, np.nan_to_num(steepness))
+        offset, steady = paths.offset.T, np.zeros(len(group))
+        beams = {0: station.equipment.emit, 1 + ear: station.equipment.hear(ear)}
+        terms = {end: beam.terms(*offset[:, end]) for end, beam in beams.items()}
+        for end in [end for end in beams if not np.isnan(beams[end].steepness).any()]:
+            steady += terms.pop(end)[0]  # the same at every frequency
         self._level = group.shade * np.exp(steady) / (paths.distance * leg)
-        beams = station.equipment.emit, station.equipment.hear(ear)
-        changing = np.flatnonzero(np.isnan(steepness).any(axis=1)).tolist()
-        self._beams = [beams[end] for end in changing]
-        terms = [beams[end].terms(*offset[:, end].T) for end in changing]
-        self._terms = np.concatenate([*terms, -self.length[None]])
-        strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
-        self.whole = strength.whole()
+        self._beams = [beams[end] for end in terms]
+        self._terms = np.concatenate([*terms.values(), -self.length[None]])
+        self.whole = group.scatterers.seen((station.point + station.ear[ear]) / 2).whole()
 
     def _basis(self, frequency: np.ndarray) -> np.ndarray:
         beams = [beam.basis(frequency) for beam in self._beams]
@@ -291,9 +290,8 @@ class EarAmplitudes:
 
     def of(self, parts: StrengthParts, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """(Q, m) complex A of some rows of parts at frequencies (Q,)."""
-        wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
-        amplitude = parts.strength.select(rows).amplitude(wavenumber)
-        some = parts.rows.take(rows)
+        some, turns = parts.rows.take(rows), 2.0 * np.pi * frequency
+        amplitude = parts.strength.select(rows).amplitude(turns / self._station.sound_speed)
         basis = self._basis(frequency)
         library = kernels.library()
         if library is None:
