@@ -50,7 +50,8 @@ def site(tmp_path):
 def test_forests_like_the_site(site, tmp_path, method, error):
     said = []
     scene = estimate_site(
-        site, tmp_path / "o" / "like.toml", method, WINDOW, ["pine=spruce"], said.append
+        *(site, tmp_path / "o" / "like.toml", method, WINDOW, ["pine=spruce"], said.append),
+        law="poisson",
     )
     made = sorted(p.name for p in scene.parent.iterdir())
     arrays = ["like-maple.npy", "like-pine.npy"] if method == "kernel" else []
@@ -78,27 +79,17 @@ def test_forests_like_the_site(site, tmp_path, method, error):
 def test_a_polygon_as_the_window(tmp_path):
     corners = [(0, 0), (50, 0), (50, 40), (0, 60)]
     hole = [(10, 10), (20, 10), (20, 20), (10, 20)]
-    (tmp_path / "w.csv").write_text(
-        "x,y,ring\n"
-        + "".join(f"{x},{y},a\n" for x, y in corners)
-        + "".join(f"{x},{y},b\n" for x, y in hole)
-    )
-    (tmp_path / "t.csv").write_text("x,y\n" + "".join(f"{k},{(7 * k) % 9}\n" for k in range(40)))
-    scene = estimate_site(
-        tmp_path / "t.csv", tmp_path / "s.toml", "mixture", [str(tmp_path / "w.csv")], ["spruce"]
-    )
+    rings = [(x, y, name) for ring, name in ((corners, "a"), (hole, "b")) for x, y in ring]
+    trees = {"w": rings, "t": [(k, (7 * k) % 9) for k in range(40)], "in": [(30, 30), (15, 15)]}
+    for name, rows in trees.items():
+        lines = [",".join(map(str, row)) for row in [("x", "y", "ring")[: len(rows[0])], *rows]]
+        (tmp_path / f"{name}.csv").write_text("\n".join([*lines, ""]))
+    words = (tmp_path / "s.toml", "mixture", [str(tmp_path / "w.csv")], ["spruce"])
+    scene = estimate_site(tmp_path / "t.csv", *words, law="poisson")
     forest = read_settings(scene, Scene).forest
-    assert forest.polygon == tuple((float(x), float(y)) for x, y in corners)
-    assert forest.holes[0] == tuple((float(x), float(y)) for x, y in hole)
-    (tmp_path / "in.csv").write_text("x,y\n30,30\n15,15\n")
+    assert (forest.polygon, forest.holes) == (tuple(corners), (tuple(hole),))
     with pytest.raises(SpecError, match=r"row 3: the tree at \(15, 15\) lies outside"):
-        estimate_site(
-            tmp_path / "in.csv",
-            tmp_path / "s.toml",
-            "mixture",
-            [str(tmp_path / "w.csv")],
-            ["maple"],
-        )
+        estimate_site(tmp_path / "in.csv", *words)
 
 
 @pytest.mark.slow
@@ -120,6 +111,15 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
 @pytest.mark.parametrize(
     ("text", "words", "said"),
     [
+        *(
+            ("x,y\n1,2\n", ("maple", *window), said)
+            for window, said in (
+                (("0", "0", "10"), "give X0 Y0 X1 Y1"),
+                (("0", "0", "0", "9"), "give X0 Y0 X1 Y1"),
+                (("0", "a", "1", "9"), "could not convert"),
+                (("none.csv",), "there is no such file"),
+            )
+        ),
         ("", (), "is empty; it needs a header"),
         ("x,y\n", (), "has no trees below its header"),
         ("a,b\n1,2\n", (), "has no column x, only a, b; call one of them x"),
@@ -146,28 +146,14 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
         ("x,y,species\n1,2,pine\n", ("pine=oak.toml",), "there is no file oak.toml"),
     ],
 )
-def test_bad_maps_are_told_by_row(tmp_path, text, words, said):
+def test_bad_maps_and_windows_are_told(tmp_path, text, words, said):
+    """A species, and what comes after it is the window."""
     (tmp_path / "t.csv").write_text(text)
+    out = tmp_path / "o" / "s.toml"
     with pytest.raises(SpecError) as problem:
-        estimate_site(tmp_path / "t.csv", tmp_path / "o" / "s.toml", species=words)
+        estimate_site(tmp_path / "t.csv", out, window=words[1:], species=words[:1])
     assert said in str(problem.value)
     assert not (tmp_path / "o").exists()
-
-
-@pytest.mark.parametrize(
-    ("window", "said"),
-    [
-        (["0", "0", "10"], "give X0 Y0 X1 Y1"),
-        (["0", "0", "0", "9"], "give X0 Y0 X1 Y1"),
-        (["0", "a", "1", "9"], "could not convert"),
-        (["none.csv"], "there is no such file"),
-    ],
-)
-def test_bad_windows(tmp_path, window, said):
-    (tmp_path / "t.csv").write_text("x,y\n1,2\n")
-    with pytest.raises(SpecError) as problem:
-        estimate_site(tmp_path / "t.csv", tmp_path / "s.toml", window=window, species=["maple"])
-    assert said in str(problem.value)
 
 
 @pytest.mark.slow
