@@ -13,6 +13,7 @@ bpy = pytest.importorskip("bpy")
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ui import test_panels
 from ui.pressing import add_cube
 
 from forest_addon import spec
@@ -422,13 +423,7 @@ def test_a_name_that_nothing_has_yet_stays_a_name(naming):
     assert references.is_lost(naming.forest.terrain, "object")
     assert names()["object"] == "later"
     assert names()["receiver_objects"] == "ear, later"
-    assert "Not Here" in drawn()
-
-
-def drawn():
-    from ui import test_panels
-
-    return test_panels.drawn()
+    assert "Not Here" in test_panels.drawn()
 
 
 def test_what_was_deleted_is_said(naming):

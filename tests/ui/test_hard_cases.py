@@ -493,13 +493,8 @@ def test_every_operator_works_or_says_why_not(again, situation):
             changed = {k: (before[k], n) for k, n in counts().items() if n != before[k]}
             complaints.append(f"{name}: refused, but left {changed}")
             fresh = False
-    drawn()
+    test_panels.drawn()
     assert not complaints, "\n".join(complaints)
-
-
-def drawn():
-    """Every panel, drawn onto a layout that checks names."""
-    return test_panels.drawn()
 
 
 @pytest.mark.medium
@@ -610,7 +605,7 @@ def test_a_unit_counts_as_a_metre_and_the_panel_says_so(again, system, scale):
     press("run", sensor="echo")
     assert figures("echo") == before
     assert exchange.to_spec(bpy.context.scene).forest.size == (6, 6)
-    assert ("A unit counts as 1 m here:" in drawn()) == (scale != 1)
+    assert ("A unit counts as 1 m here:" in test_panels.drawn()) == (scale != 1)
 
 
 CLOCKED = ("Time", "Checked", "Audit")  # an audit checks as many as its share of the time allows

@@ -114,6 +114,9 @@ class Layout:
     def template_icon_view(self, group, name, show_labels, scale, scale_popup):
         assert group.bl_rna.properties[name].type == "ENUM"
 
+    def progress(self, factor, text):
+        self.seen.append(f"[{factor:.0%}] {text}")
+
     def popover(self, panel, text="", icon="NONE"):
         assert hasattr(bpy.types, panel)
         self._known_icon(icon)
@@ -344,30 +347,21 @@ def _figures(props, name):
 
 
 @pytest.mark.medium
-def test_a_scan_without_a_forest_is_told_nothing_of_trees(props):
-    _own_scene()
-    assert bpy.ops.forest.scan_here() == {"FINISHED"}
-    bpy.data.objects["Tripod LiDAR"].forest_sensor.terrestrial.angle_step_deg = 6
-    assert bpy.ops.forest.run(sensor="Tripod LiDAR") == {"FINISHED"}
-    assert "Points" in _figures(props, "Tripod LiDAR")
-    assert OF_TREES.isdisjoint(_figures(props, "Tripod LiDAR"))
-    assert "Tree Density" not in drawn()
-
-
-@pytest.mark.medium
 @pytest.mark.parametrize(
-    ("kind", "name", "told"),
+    ("kind", "name", "told", "too"),
     [
-        ("sonar", "Bat Sonar", "Glints Heard"),
-        ("reverb", "Reverb", "Direct Path"),
+        ("terrestrial", "Tripod LiDAR", "Points", set()),
+        ("sonar", "Bat Sonar", "Glints Heard", {"Behind Wood"}),  # a box hides too
+        ("reverb", "Reverb", "Direct Path", {"Behind Wood"}),
     ],
 )
-def test_what_is_heard_without_a_forest_counts_no_leaves_and_no_trunks(props, kind, name, told):
+def test_what_is_found_without_a_forest_tells_nothing_of_trees(props, kind, name, told, too):
     _own_scene()
     assert bpy.ops.forest.add_sensor(kind=kind) == {"FINISHED"}
     assert bpy.ops.forest.run(sensor=name) == {"FINISHED"}
     assert told in _figures(props, name)
-    assert (OF_TREES - {"Behind Wood"}).isdisjoint(_figures(props, name))  # a box hides too
+    assert (OF_TREES - too).isdisjoint(_figures(props, name))
+    assert "Tree Density" not in drawn()
 
 
 @pytest.mark.slow
@@ -431,9 +425,8 @@ def test_names_of_settings_fit_within_180_pixels(registered):
 
 
 def test_plantings_and_hills_are_added_and_removed(props):
-    assert press("add_planting") == {"FINISHED"}
-    assert press("add_gaussian") == {"FINISHED"}
-    assert press("add_gaussian") == {"FINISHED"}
+    for name in ("add_planting", "add_gaussian", "add_gaussian"):
+        assert press(name) == {"FINISHED"}
     planting = exchange.to_spec(bpy.context.scene).plantings[0]
     assert planting.species == "maple"
     assert planting.gaussians[0].centre == (15.0, 15.0)
@@ -497,20 +490,15 @@ def test_a_reverb_has_further_ends(built):
 
 @pytest.mark.medium
 def test_a_planting_shows_what_stands(built):
-    from forest_addon.ui.forest.panels import _planting_row
-
     (planting,) = built.plantings
     standing = len([obj for obj in bpy.data.objects if "forest_tree" in obj])
     assert planting.standing == standing
     meant = round(planting.expected)
-    assert _planting_row(planting).right in (
-        f"{standing} trees",
-        f"{standing} of {meant} trees",
-        "1 tree",
-    )
+    ways = (f"{standing} trees", f"{standing} of {meant} trees", "1 tree")
+    assert forest_panels._planting_row(planting).right in ways
     fresh = built.plantings.add()
     fresh.species, fresh.use_expected, fresh.expected = "maple", True, 7
-    assert _planting_row(fresh).right == "7 trees"
+    assert forest_panels._planting_row(fresh).right == "7 trees"
 
 
 # -------------------------------------------------------------------------------------------- offers
@@ -603,34 +591,21 @@ def job(monkeypatch):
     return job
 
 
-class Bars(Layout):
-    """Notes progress bars, too."""
-
-    def _inner(self, heading="", **_):
-        return type(self)(self.seen)
-
-    row = column = box = split = grid_flow = _inner
-
-    def progress(self, factor, text):
-        self.seen.append(f"[{factor:.0%}] {text}")
-
-
-def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job, monkeypatch):
-    monkeypatch.setattr(Layout, "progress", Bars.progress, raising=False)
+def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job):
     seen = drawn()
     assert seen.count("[50%] cloud 50%") == 2
     assert "All" not in seen
     obj = bpy.data.objects["cloud"]
     place = SimpleNamespace(object=obj, scene=bpy.context.scene)
     seen = []
-    _sensor_data.draw(SimpleNamespace(layout=Bars(seen)), place)
+    _sensor_data.draw(SimpleNamespace(layout=Layout(seen)), place)
     assert "[50%] cloud 50%" in seen
     shown = []
     workspace = SimpleNamespace(status_text_set=shown.append)
     running.show_job(SimpleNamespace(workspace=workspace), job)
     seen = []
-    shown[0](SimpleNamespace(layout=Bars(seen)), bpy.context)
-    assert seen == ["Run Sensor", "[50%] cloud 50%", "", "Esc: cancel"]
+    shown[0](SimpleNamespace(layout=Layout(seen)), bpy.context)
+    assert [text for text in seen if text] == ["Run Sensor", "[50%] cloud 50%", "Esc: cancel"]
     job.over = True
     assert running.how_far(job) == "Run Sensor is stopping"
 
