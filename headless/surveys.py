@@ -428,20 +428,25 @@ def read_flown(path: Path, crs: str = "") -> FlownCloud:
     """
     cloud = read_las(path, crs)
     names = set(cloud.point_format.dimension_names)
-    if "gps_time" not in names:
-        raise SpecError(str(path), "has no GPS times; export it with them")
-    time = np.asarray(cloud.gps_time)
+    time = np.asarray(cloud.gps_time) if "gps_time" in names else np.zeros(1)
     if not np.isfinite(time).all() or not np.ptp(time) > 0:
-        raise SpecError(str(path), f"has GPS times that do not run ({time[0]:g} s); export them")
-    own = "scan_angle" in names
-    angle = cloud.scan_angle * SCAN_ANGLE if own else cloud.scan_angle_rank.astype(float)
+        raise SpecError(
+            str(path),
+            f"has no GPS times, or GPS times that do not run ({time[0]:g} s); export them",
+        )
+    if (np.diff(time) < 0).mean() > 1e-3:  # sorted by place, as COPC, not line after line
+        cloud.points = cloud.points[np.lexsort((cloud.return_number, time))]
     return FlownCloud(
         np.asarray(cloud.xyz),
-        time,
+        np.asarray(cloud.gps_time),
         np.asarray(cloud.return_number),
         np.asarray(cloud.number_of_returns),
-        split_lines(time, np.asarray(cloud.point_source_id)),
-        np.asarray(angle),
+        split_lines(np.asarray(cloud.gps_time), np.asarray(cloud.point_source_id)),
+        np.asarray(
+            cloud.scan_angle * SCAN_ANGLE
+            if "scan_angle" in names
+            else cloud.scan_angle_rank.astype(float)
+        ),
     )
 
 

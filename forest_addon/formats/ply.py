@@ -10,6 +10,7 @@ header keeps its length, because a comment takes the place that the number does 
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Mapping, Sequence
 from itertools import pairwise, takewhile
@@ -78,15 +79,13 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
     start = data.index(b"\n", data.index(b"end_header")) + 1
     head = [line.split() for line in data[:start].decode("ascii", "replace").splitlines() if line]
     order: Any = {"ascii": "", "binary_big_endian": ">"}.get(head[1][1], "<")
-    words = iter(data[start:].split() if not order else ())
+    words, stored = iter(data[start:].split() if not order else ()), io.BytesIO(data[start:])
 
     def take(kind: str) -> Any:
-        nonlocal start
         if not order:
             return float(next(words))
-        stored = np.dtype(TYPES.get(kind, kind)).newbyteorder(order)
-        start += stored.itemsize
-        return np.frombuffer(data, stored, 1, start - stored.itemsize)[0]
+        number = np.dtype(TYPES.get(kind, kind)).newbyteorder(order)
+        return np.frombuffer(stored.read(number.itemsize), number)[0]
 
     elements: dict[str, list[Any]] = {"vertex": [], "face": []}
     for number, line in enumerate(head):

@@ -176,10 +176,11 @@ def read_raster(path: Path) -> GeoRaster:
     return READERS.get(path.suffix.lower(), _read_image)(path)
 
 
-def read_png(data: bytes) -> tuple[np.ndarray, float]:
+def read_png(data: bytes, path: Path | None = None) -> tuple[np.ndarray, float]:
     """Pixels (H, W, 1 to 4) of a PNG's bytes, the upper row first, and the number that is white.
 
     One channel is grey, two are grey and alpha, three and four red, green, blue and alpha.
+    path : of its file.
 
     Raises
     ------
@@ -190,7 +191,7 @@ def read_png(data: bytes) -> tuple[np.ndarray, float]:
     reader = png.Reader(bytes=data)
     try:
         reader.preamble()
-        _refuse_large(reader.width, reader.height)
+        _refuse_large(reader.width, reader.height, path)
         wide, high, rows, about = reader.asDirect()
         pixels = np.array([np.asarray(row) for row in rows])
     except (png.Error, EOFError) as problem:
@@ -224,10 +225,7 @@ def _read_array(path: Path) -> GeoRaster:
 
 def _read_image(path: Path) -> GeoRaster:
     placed = _place_of(path)
-    try:
-        pixels, white = _read_pixels(path, raw=placed is not None)
-    except SpecError as problem:
-        raise SpecError(str(path), problem.problem) from None
+    pixels, white = _read_pixels(path, raw=placed is not None)
     if placed is not None:
         return _numbers(path, pixels, *placed)
     if pixels.shape[2] in (2, 4):  # with alpha, which says nothing about shades
@@ -502,7 +500,7 @@ def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
     with open(path, "rb") as file:
         start = file.read(4)
     own: dict[bytes, Callable[[Path], tuple[np.ndarray, float]]] = {
-        PNG: lambda file: read_png(file.read_bytes())
+        PNG: lambda file: read_png(file.read_bytes(), file)
     } | dict.fromkeys(TIFF, partial(_read_tiff, raw=raw))
     readers = [own[start]] if start in own else []
     why = "" if readers else "it is neither PNG nor TIFF"
@@ -515,9 +513,10 @@ def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
             raise
         except Exception as problem:  # a damaged image fails anywhere
             why = why or " ".join(str(problem).split()) or type(problem).__name__
-    more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
     raise SpecError(
-        "", f"cannot be read ({why}); save it as PNG, TIFF or npy, a cloud as LAS{more}"
+        str(path),
+        f"cannot be read ({why}); save it as PNG, TIFF or npy, a cloud as LAS"
+        + (", or pip install imagecodecs" if "imagecodecs" in why else ""),
     )
 
 
@@ -526,7 +525,7 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
 
     with tifffile.TiffFile(path) as file:
         page: Any = file.pages[0]
-        _refuse_large(page.imagewidth, page.imagelength)
+        _refuse_large(page.imagewidth, page.imagelength, path)
         if page.samplesperpixel > MOST_SAMPLES or page.tilewidth * page.tilelength > MOST_PIXELS:
             raise ValueError(f"its head counts {page.samplesperpixel} bands, or tiles too large")
         pixels = page.asarray(maxworkers=1)
@@ -549,13 +548,13 @@ def _read_by_pillow(path: Path) -> tuple[np.ndarray, float]:
     from PIL import Image
 
     with Image.open(path) as image:
-        _refuse_large(*image.size)
+        _refuse_large(*image.size, path)
         shown = image.convert("RGB") if image.mode == "P" else image  # of a palette
         mode, pixels = shown.mode, np.asarray(shown)
     if mode == "F" or mode.startswith("I"):
         return pixels[..., None], 1.0 if mode == "F" else DEEP
     if mode not in WHITE:
-        raise SpecError("", f"has the colour mode {mode}; save it in shades of grey")
+        raise SpecError(str(path), f"has the colour mode {mode}; save it in shades of grey")
     return pixels.reshape(*pixels.shape[:2], -1), WHITE[mode]
 
 
@@ -565,16 +564,16 @@ def _read_by_openimageio(path: Path) -> tuple[np.ndarray, float]:
     file = OpenImageIO.ImageInput.open(str(path))
     if file is None:
         raise ValueError(OpenImageIO.geterror())
-    _refuse_large(file.spec().width, file.spec().height)
+    _refuse_large(file.spec().width, file.spec().height, path)
     pixels = file.read_image(OpenImageIO.UNKNOWN)
     return pixels, 1.0 if pixels.dtype.kind == "f" else float(np.iinfo(pixels.dtype).max)
 
 
-def _refuse_large(wide: int, high: int) -> None:
+def _refuse_large(wide: int, high: int, path: Path | None = None) -> None:
     """Refuse an image that would take minutes and most of a machine's memory."""
     if wide * high > MOST_PIXELS:
         raise SpecError(
-            "",
+            str(path or "it"),
             f"has {wide:,} x {high:,} pixels, more than {MOST_PIXELS:,}; make it coarser, or cut it",
         )
 

@@ -177,8 +177,8 @@ def _parse_ascii(text: bytes, name: str) -> np.ndarray:
         )
     if end < 0:
         raise StlError(f"{name} is not an STL file; choose a binary or ASCII STL.")
-    if b"#" in text:  # "1.#qnan", "-1.#ind", "1.#inf" of old Windows programs
-        text = re.sub(rb"[+-]?1\.#[a-z]+\d*", b"nan", text)
+    # "1.#qnan", "-1.#ind", "1.#inf" of old Windows programs
+    text = re.sub(rb"[+-]?1\.#[a-z]+\d*", b"nan", text)
     loops = enumerate(LOOP.split(text)[1:], 1)
     values = (value for number, loop in loops for value in _corners(loop, number, name))
     return np.fromiter(values, dtype=np.float64).reshape(-1, 3, 3)

@@ -496,8 +496,15 @@ def _geojson(path: Path) -> Sheet:
 
 
 def _layer(path: Path) -> Sheet:
-    pyogrio, shapely = library(path, "tables", "pyogrio.raw"), library(path, "tables", "shapely")
-    told, _, shapes, values = pyogrio.read(path)
+    pyogrio, shapely = library(path, "tables", "pyogrio"), library(path, "tables", "shapely")
+    beside = (path.with_suffix(ending) for ending in (".dbf", ".DBF"))
+    if path.suffix.lower() == ".shp" and not any(map(Path.is_file, beside)):
+        raise SpecError(
+            str(path), "has no .dbf beside it, which says what trees are; copy all its files"
+        )
+    layers = [(kind or "", name) for name, kind in pyogrio.list_layers(path)]
+    name = next((name for kind, name in layers if "Point" in kind), layers[0][1])
+    told, _, shapes, values = pyogrio.raw.read(path, layer=name)
     features = [
         (
             shape and json.loads(shapely.to_geojson(shapely.from_wkb(shape))),
@@ -505,7 +512,9 @@ def _layer(path: Path) -> Sheet:
         )
         for row, shape in enumerate(shapes)
     ]
-    return _features(path, features, told["crs"] or "")
+    sheet = _features(path, features, told["crs"] or "")
+    sheet.said += [f'{path.name}: of {len(layers)} layers "{name}" is read'] * (len(layers) > 1)
+    return sheet
 
 
 SHAPES = {"Point": 3, "MultiPoint": 1, "Polygon": math.inf, "MultiPolygon": math.inf}  # most parts

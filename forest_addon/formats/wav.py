@@ -43,10 +43,10 @@ def read_wav(path: Path) -> tuple[np.ndarray, float]:
         warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks that hold no sound
         warnings.filterwarnings("error", "Reached EOF", wavfile.WavFileWarning)
         rate, samples = wavfile.read(path)
-    if rate <= 0:
-        raise SpecError(str(path), "says that it has 0 samples a second; save it again")
-    if not samples.size:
-        raise SpecError(str(path), "holds no sound")
+    if rate <= 0 or not samples.size:
+        raise SpecError(
+            str(path), "holds no sound, or says that it has 0 samples a second; save it again"
+        )
     if samples.dtype.kind in "ui":  # bytes count from 128
         middle, half = 128.0 * (samples.dtype.kind == "u"), 2.0 ** (8 * samples.dtype.itemsize - 1)
         return (samples - middle) / half, float(rate)

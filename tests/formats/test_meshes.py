@@ -48,6 +48,28 @@ def test_a_corner_that_is_not_there_is_told_by_its_own_line(tmp_path):
         read_obj(tmp_path / "t.obj")
 
 
+@pytest.mark.parametrize(
+    ("text", "encoding"),
+    [
+        ("v 0 0 0\nv 1 0 0\nv 0 1 nan\nf 1 2 3\n", "utf-8"),
+        ("v 0 0 0\nv 1,5 0 0\nv 0 1,5 0\nf 1 2 3\n", "utf-8"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 4\n", "utf-8"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 3 4\n", "utf-8-sig"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "utf-16"),
+    ],
+)
+def test_what_blender_passes_over_in_an_obj_is_refused(tmp_path, text, encoding):
+    """Its importer makes 0 of NaN and 1 of 1,5, and leaves out a line after a byte order mark."""
+    pytest.importorskip("bpy")
+    from forest_addon.blender.files.export import open_file
+    from forest_addon.blender.files.tree_files import read_groups
+
+    (tmp_path / "t.obj").write_text(text, encoding)
+    for read in (read_obj, open_file, read_groups):
+        with pytest.raises(SpecError, match=r"t\.obj"):
+            read(tmp_path / "t.obj")
+
+
 @pytest.mark.parametrize("said", ["45", "1.01", "-0.1", "inf"])
 def test_reflectance_in_percent_is_refused(tmp_path, said):
     (tmp_path / "a.mtl").write_text(f"newmtl bark\nhelios_reflectance {said}\n")

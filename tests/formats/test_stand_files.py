@@ -294,6 +294,30 @@ def test_a_stand_in_the_formats_of_maps_and_sheets_is_planted_again(stand, tmp_p
     assert (again.species == stand.species).all()
 
 
+def test_a_shapefile_without_its_table_is_refused(tmp_path):
+    shapely, raw = pytest.importorskip("shapely"), pytest.importorskip("pyogrio.raw")
+    shapes = shapely.to_wkb(shapely.points([[1, 2], [3, 4]]))
+    raw.write(tmp_path / "t.shp", shapes, [np.array([0.2, 0.3])], ["dbh"], geometry_type="Point")
+    assert len(read_tree_list(tmp_path / "t.shp")) == 2
+    (tmp_path / "t.dbf").unlink()
+    with pytest.raises(SpecError, match=r"t\.shp: has no \.dbf beside it"):
+        read_tree_list(tmp_path / "t.shp")
+
+
+def test_of_layers_that_of_points_is_read_and_said(tmp_path):
+    shapely, raw = pytest.importorskip("shapely"), pytest.importorskip("pyogrio.raw")
+    for name, kind, shapes in (
+        ("plot", "Polygon", [shapely.box(4e5, 5e6, 4e5 + 40, 5e6 + 40)]),
+        ("trees", "Point", shapely.points([[4e5 + 1, 5e6 + 2], [4e5 + 3, 5e6 + 4]])),
+    ):
+        dbh = [np.full(len(shapes), 0.3)]
+        written = {"layer": name, "geometry_type": kind, "crs": "EPSG:32632"}
+        raw.write(tmp_path / "t.gpkg", shapely.to_wkb(shapes), dbh, ["dbh"], **written)
+    found = read_tree_list(tmp_path / "t.gpkg")
+    assert found.position.tolist() == [[4e5 + 1, 5e6 + 2], [4e5 + 3, 5e6 + 4]]
+    assert 't.gpkg: of 2 layers "trees" is read' in found.said
+
+
 def test_crowns_as_polygons_tell_places_and_widths(tmp_path):
     turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.column_stack([20 + 3 * np.cos(turn), 9 + 3 * np.sin(turn)]).tolist()

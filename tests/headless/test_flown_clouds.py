@@ -182,6 +182,13 @@ def test_a_flight_in_feet_is_flown_in_metres(tmp_path, flight):
     assert poses(named) == pytest.approx(poses(feet))
 
 
+def test_a_cloud_that_is_sorted_by_place_is_flown_as_one_by_time(tmp_path, flight):
+    order = np.lexsort(np.floor(flight[0] / 5.0).T)
+    save(tmp_path / "a.las", flight)
+    save(tmp_path / "b.las", tuple(column[order] for column in flight))
+    assert like(tmp_path, "a.las") == like(tmp_path, "b.las")
+
+
 def test_times_that_do_not_run_are_refused(tmp_path, flight):
     place, time, *more = flight
     save(tmp_path / "a.las", (place, np.full_like(time, 7.0), *more))

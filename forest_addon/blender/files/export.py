@@ -26,6 +26,7 @@ from mathutils import Vector
 from ...formats.atomic import replacing
 from ...formats.foreign import guarded, refuse_coarse
 from ...formats.glb import Copies, instance_nodes
+from ...formats.helios.parts import read_obj
 from ...spec import Scene, SpecError
 from ..scene.instances import read_points
 from ..scene.layout import GROUND_NAME, PART_KEY, TREES, objects_in, root
@@ -63,7 +64,8 @@ def open_file(path: Path) -> float:
     ending, name = path.suffix.lower(), str(path.resolve())
     if ending not in IMPORTERS:
         raise SpecError(str(path), f"must end in one of {', '.join(IMPORTERS)}")
-    path.stat()  # importers say of a missing file what it is not
+    # importers say of a missing file what it is not, and pass over what is wrong in an OBJ
+    {".obj": read_obj}.get(ending, Path.stat)(path)
     if ending == ".blend":
         bpy.ops.wm.open_mainfile(filepath=name, load_ui=False, use_scripts=False)
     else:

@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from ...formats.foreign import guarded, refuse_coarse
+from ...formats.helios.parts import read_obj
 from ...formats.stl import StlError, read_stl
 from ...growth.own_tree.pieces import Group
 from ...spec import SpecError
@@ -82,7 +83,8 @@ _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # rows times this: z u
 
 def _open(path: Path) -> None:
     ending = path.suffix.lower()
-    path.stat()  # importers say of a missing file what it is not
+    # importers say of a missing file what it is not, and pass over what is wrong in an OBJ
+    {".obj": read_obj}.get(ending, Path.stat)(path)
     if ending == ".ply":
         bpy.ops.wm.ply_import(filepath=str(path), forward_axis="Y", up_axis="Z")
     elif ending == ".obj":

@@ -214,7 +214,7 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     material_of: dict[str, Material] = {}
     naming = [lines[line] for line in at_file.tolist()]
     for file in filter(Path.is_file, _material_files(path, naming)):
-        material_of |= read_materials(file)
+        material_of |= read_materials(file) if file.stat().st_size else {}
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
     materials = tuple(material_of.get(name, Material()) for name in names)
