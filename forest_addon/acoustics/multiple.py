@@ -18,7 +18,6 @@ a trunk falls with 1/√r, and what it sends on again, as cylinders alone do it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
@@ -37,19 +36,6 @@ SPARE = 24  # orders above the last at which the downward recurrence starts
 RESIDUAL = 1e-10
 
 
-@dataclass(frozen=True)
-class ScatteredField:
-    """Pressure that trunks add at R receivers, at F frequencies, under e^{+iωt}.
-
-    every : (F, R) with multiple scattering. once : (F, R) each trunk as if it were alone.
-    unknowns : (F,) size of the systems that were solved.
-    """
-
-    every: np.ndarray
-    once: np.ndarray
-    unknowns: np.ndarray
-
-
 def scattered_field(
     frequency: np.ndarray,
     centre: np.ndarray,
@@ -59,12 +45,17 @@ def scattered_field(
     sound_speed: float,
     *,
     direct_up_to: int = DIRECT_UP_TO,
-) -> ScatteredField:
-    """The field of M cylinders, without the incident one.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pressure that M cylinders add at R receivers, at F frequencies, under e^{+iωt}.
 
     frequency : (F,) Hz, above 0. centre : (M, 2), radius : (M,) metres.
     source : (2,), receiver : (R, 2) metres. sound_speed : m/s.
     direct_up_to : unknowns up to which elimination is used, GMRES beyond.
+
+    Returns
+    -------
+    (F, R) with multiple scattering; (F, R) with each trunk as if it were alone; (F,) size of the systems that
+    were solved.
 
     Raises
     ------
@@ -85,9 +76,7 @@ def scattered_field(
         once.append(far * np.conj(heard @ alone))
         unknowns.append(len(alone))
     shape = (len(every), len(receiver))
-    return ScatteredField(
-        np.array(every).reshape(shape), np.array(once).reshape(shape), np.array(unknowns, int)
-    )
+    return np.array(every).reshape(shape), np.array(once).reshape(shape), np.array(unknowns, int)
 
 
 def scattered_fields(

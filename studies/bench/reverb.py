@@ -115,7 +115,7 @@ def summed(
         paths = paths.select(paths.earliest < (seconds - 0.05) * AIR.speed())
 
     def work() -> np.ndarray:
-        return prepared.sum(paths, rate, size, AIR, tolerance).samples
+        return prepared.sum(paths, rate, size, AIR, tolerance)[0]
 
     return BenchRow(work, partial(_off, paths, rate))
 
@@ -138,7 +138,7 @@ def _measures(distance: float, tolerance: float) -> BenchRow:
         edc = np.abs(energy_decay_db(samples) - decay)[decay > -60.0].max()
         return f"{off:.1e}; T60 {abs(t60) * 1e3:.1e} ms, C50 {abs(c50):.1e} dB, EDC to -60 dB {edc:.1e} dB"
 
-    return BenchRow(lambda: Expansions().sum(paths, 24e3, size, AIR, tolerance).samples, error)
+    return BenchRow(lambda: Expansions().sum(paths, 24e3, size, AIR, tolerance)[0], error)
 
 
 def _every_term(count: int, radii: tuple[float, float], leafy: bool) -> BenchRow:

@@ -276,12 +276,12 @@ def test_against_fundamental_solutions(
     frequency: float, centre: list, radius: list, tolerance: float
 ) -> None:
     places, sizes = np.array(centre, float), np.array(radius)
-    field = scattered_field(np.array([frequency]), places, sizes, SOURCE, EARS, SPEED)
+    every, once, _ = scattered_field(np.array([frequency]), places, sizes, SOURCE, EARS, SPEED)
     k = 2 * math.pi * frequency / SPEED
     reference = scattered_mfs(k, places, sizes, SOURCE, EARS, points=90)
     expected = factor(frequency) * np.conj(reference)
-    assert (np.abs(field.every[0] - expected) < tolerance * np.abs(expected)).all()
-    assert (np.abs(field.once[0] - expected) > 1e-3 * np.abs(expected)).all()
+    assert (np.abs(every[0] - expected) < tolerance * np.abs(expected)).all()
+    assert (np.abs(once[0] - expected) > 1e-3 * np.abs(expected)).all()
 
 
 def test_energy_is_conserved() -> None:
@@ -292,9 +292,10 @@ def test_energy_is_conserved() -> None:
     angle = np.linspace(0, 2 * math.pi, 720, endpoint=False)
     far = 1e7 * np.column_stack([np.cos(angle), np.sin(angle)])
     places = np.vstack([far, source])
-    field = scattered_field(np.array([frequency]), centre, radius, source, places, SPEED)
-    assert field.unknowns[0] > 8 * 9
-    for pressure, kept in ((field.every[0], True), (field.once[0], False)):
+    frequencies = np.array([frequency])
+    every, once, unknowns = scattered_field(frequencies, centre, radius, source, places, SPEED)
+    assert unknowns[0] > 8 * 9
+    for pressure, kept in ((every[0], True), (once[0], False)):
         whole = pressure[:-1] + np.exp(-1j * k * 1e7) / math.sqrt(1e7)  # and the incident wave
         leaving = np.mean(np.abs(whole) ** 2) * 1e7
         given = 1.0 + (pressure[-1] / factor(frequency)).real
@@ -305,13 +306,13 @@ def test_one_cylinder_is_single_scattering() -> None:
     """And far away it is H of ``transfer``, over the roots of both distances."""
     frequency = np.array([100.0, 1000.0, 4000.0])
     at = np.array([[1e6 * math.cos(0.7), 1e6 * math.sin(0.7)]])
-    field = scattered_field(
+    every, once, _ = scattered_field(
         frequency, np.zeros((1, 2)), np.array([0.2]), np.array([-1e6, 0]), at, SPEED
     )
-    np.testing.assert_array_equal(field.every, field.once)
+    np.testing.assert_array_equal(every, once)
     k = 2 * math.pi * frequency / SPEED
     expected = transfer(frequency, 0.7, 0.2, SPEED) * np.exp(-2e6j * k) / 1e6
-    np.testing.assert_allclose(field.every[:, 0], expected, rtol=2e-5)
+    np.testing.assert_allclose(every[:, 0], expected, rtol=2e-5)
 
 
 def test_gmres_is_elimination() -> None:
@@ -319,10 +320,10 @@ def test_gmres_is_elimination() -> None:
     direct, iterated = (
         scattered_field(
             np.array([700.0]), centre, radius, np.zeros(2), EARS[:2], SPEED, direct_up_to=size
-        )
+        )[0]
         for size in (10_000, 0)
     )
-    np.testing.assert_allclose(iterated.every, direct.every, rtol=1e-7)
+    np.testing.assert_allclose(iterated, direct, rtol=1e-7)
 
 
 @pytest.mark.parametrize("ka", [1e-3, 1e-2, 60.0])
@@ -332,15 +333,16 @@ def test_sizes_that_overflow_without_scaling(ka: float) -> None:
     centre = np.array([[0, 0], [0.202, 0], [0.3, 0.4]])
     frequency = ka / 0.1 * SPEED / (2 * math.pi)
     ear = np.array([[0.3, 3.0]])
-    field = scattered_field(np.array([frequency]), centre, radius, SOURCE, ear, SPEED)
-    assert np.isfinite(field.every).all()
+    every, *_ = scattered_field(np.array([frequency]), centre, radius, SOURCE, ear, SPEED)
+    assert np.isfinite(every).all()
     system = _System(ka / 0.1, centre, radius, _nearness(centre, radius))
     assert np.isfinite(system._coupling()).all()
     assert np.abs(system._coupling()).max() < 20
     assert system.last > 60
     if ka < 1:  # so small, each is a monopole and a dipole; of one alone it is Rayleigh's
-        alone = scattered_field(np.array([frequency]), centre[:1], radius[:1], SOURCE, ear, SPEED)
-        assert 1 < abs(field.every / alone.every) < 4
+        one = centre[:1], radius[:1]
+        alone, *_ = scattered_field(np.array([frequency]), *one, SOURCE, ear, SPEED)
+        assert 1 < abs(every / alone) < 4
 
 
 def test_what_cannot_be_solved_is_refused() -> None:
@@ -357,9 +359,10 @@ def test_what_cannot_be_solved_is_refused() -> None:
 
 
 def test_no_trunks() -> None:
-    field = scattered_field(np.array([100.0]), np.empty((0, 2)), np.empty(0), SOURCE, EARS, SPEED)
-    assert (field.every == 0).all()
-    assert field.every.shape == (1, 3)
+    nothing = np.empty((0, 2)), np.empty(0)
+    every, *_ = scattered_field(np.array([100.0]), *nothing, SOURCE, EARS, SPEED)
+    assert (every == 0).all()
+    assert every.shape == (1, 3)
 
 
 # --------------------------------------------------------------------------------------------- shoot

@@ -73,8 +73,8 @@ def some_scene():
 def read_back(sensor, folder):
     scene = some_scene()
     _, unsaid = write_parts(scene, folder, "ex", SURFACES)
-    found = write_survey(sensor, folder, "ex", SURFACES)
-    return scene, read_survey(folder / found.survey), unsaid, found.unsaid
+    survey, of_sensor = write_survey(sensor, folder, "ex", SURFACES)
+    return scene, read_survey(folder / survey), unsaid, of_sensor
 
 
 def test_parts_and_materials(tmp_path):
@@ -245,9 +245,9 @@ def test_a_rosette_on_a_vehicle_is_written(tmp_path):
     )  # fmt: skip
     ours = pattern_of(sensor)
     write_parts(some_scene(), tmp_path, "ex", SURFACES)
-    found = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
-    assert "no rosette" in found.unsaid[0]
-    survey = read_survey(tmp_path / found.survey)
+    path, unsaid = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
+    assert "no rosette" in unsaid[0]
+    survey = read_survey(tmp_path / path)
     theirs = SurveyLeg(survey, survey.legs[0])
     assert theirs.count == ours.count == 4000
     one, other = (p.pulses(np.arange(ours.count)) for p in (theirs, ours))
@@ -257,9 +257,9 @@ def test_a_rosette_on_a_vehicle_is_written(tmp_path):
 
 def test_a_row_a_pulse_has_an_end(tmp_path):
     sensor = Airborne(pattern="rosette", pulse_rate=500_000.0, track=100.0, speed=20.0)
-    found = write_survey(sensor, tmp_path, "ex", SURFACES)
-    assert found.survey is None
-    assert "no rosette, and a row for each of 2,500,000 pulses" in found.unsaid[0]
+    survey, unsaid = write_survey(sensor, tmp_path, "ex", SURFACES)
+    assert survey is None
+    assert "no rosette, and a row for each of 2,500,000 pulses" in unsaid[0]
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -298,8 +298,8 @@ def test_a_vehicle_goes_its_way_with_its_attitudes(tmp_path):
     )  # fmt: skip
     ours = pattern_of(sensor)
     write_parts(some_scene(), tmp_path, "ex", SURFACES)
-    found = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
-    survey = read_survey(tmp_path / found.survey)
+    path, _ = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
+    survey = read_survey(tmp_path / path)
     pattern = SurveyLeg(survey, survey.legs[0])
     assert abs(pattern.count - ours.count) <= 4
     one, other = (p.pulses(np.arange(ours.count - 4)) for p in (pattern, ours))

@@ -16,7 +16,6 @@ import numpy as np
 from ...base.trimesh import DEAD, GROUND, LEAF, OTHER, PART_NAMES, WOOD
 from ...formats.atomic import replacing
 from ...formats.helios.writing import (
-    PlacedPart,
     is_similar,
     scene_document,
     write_document,
@@ -61,10 +60,10 @@ def export_for_others(
         say(f"  {sentence}")
     told = []
     for sensor in scene.sensors:
-        survey = write_survey(sensor, folder, scene.name, surfaces, ways[sensor.name])
-        told.append(survey)
-        say(f"  {sensor.name}: {folder / survey.survey if survey.survey else 'no survey'}")
-        for sentence in survey.unsaid:
+        survey, left = write_survey(sensor, folder, scene.name, surfaces, ways[sensor.name])
+        told.append({"sensor": sensor.name, "survey": survey, "unsaid": left})
+        say(f"  {sensor.name}: {folder / survey if survey else 'no survey'}")
+        for sentence in left:
             say(f"    {sentence}")
     said = {
         "name": scene.name,
@@ -75,14 +74,14 @@ def export_for_others(
         "materials": dict(enumerate(PART_NAMES)),
         "parts": [
             {
-                "id": int(part.name),
-                "file": part.file,
-                "object": geometry.object_name[geometry.object_index[int(part.name)]],
-                "tree": int(geometry.tree[int(part.name)]),
-                "species": int(geometry.species[int(part.name)]),
-                "transform": part.transform.tolist(),
+                "id": row,
+                "file": file,
+                "object": geometry.object_name[geometry.object_index[row]],
+                "tree": int(geometry.tree[row]),
+                "species": int(geometry.species[row]),
+                "transform": transform.tolist(),
             }
-            for part in placed
+            for row, file, transform in placed
         ],
         "species": dict(enumerate(planting.species for planting in scene.plantings)),
         "sensors": [asdict(sensor) for sensor in scene.sensors],
@@ -95,7 +94,7 @@ def export_for_others(
             for name, way in ways.items()
             if way is not None
         },
-        "surveys": [asdict(found) for found in told],
+        "surveys": told,
         "unsaid": unsaid,
     }
     with replacing(folder / "scene.json") as partial:
@@ -110,7 +109,7 @@ def export_for_others(
 
 def write_parts(
     geometry: SceneGeometry, folder: Path, name: str, surfaces: Surfaces
-) -> tuple[list[PlacedPart], list[str]]:
+) -> tuple[list[tuple[int, str, np.ndarray]], list[str]]:
     """Write the meshes, materials and scene document of a scene.
 
     surfaces : reflectances by part.
@@ -141,7 +140,7 @@ def write_parts(
             write_obj(home / file, vertices, mesh.triangles, slot, names, "materials.mtl")
             written[key] = f"{PARTS}/{name}/{file}"
         own += alone
-        placed.append(PlacedPart(str(row), written[key], np.eye(3, 4) if alone else transform))
+        placed.append((row, written[key], np.eye(3, 4) if alone else transform))
     write_materials(home / "materials.mtl", materials.reflectance, materials.ground)
     write_document(folder / SCENES / f"{name}.xml", scene_document(name, placed))
     unsaid = []

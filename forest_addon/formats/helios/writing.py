@@ -7,7 +7,6 @@ there, or name the folder by ``--assets``.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -19,15 +18,6 @@ from ..atomic import replacing
 
 SIMILAR = 2e-6  # of the squared scale: Blender places instances in single precision
 ROWS_AT_ONCE = 100_000
-
-
-@dataclass(frozen=True)
-class PlacedPart:
-    """Copy of a part: its OBJ file as documents name it, and where it stands, (3, 4) local to world."""
-
-    name: str
-    file: str
-    transform: np.ndarray
 
 
 def is_similar(transform: np.ndarray) -> bool:
@@ -75,8 +65,10 @@ def write_materials(path: Path, reflectance: Mapping[str, float], ground: Iterab
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def scene_document(name: str, parts: Iterable[PlacedPart]) -> Element:
+def scene_document(name: str, parts: Iterable[tuple[int, str, np.ndarray]]) -> Element:
     """The document of a scene: each part is loaded, scaled, turned and moved.
+
+    parts : number, OBJ file as documents name it, and (3, 4) where it stands, local to world.
 
     Raises
     ------
@@ -84,20 +76,20 @@ def scene_document(name: str, parts: Iterable[PlacedPart]) -> Element:
     """
     root = Element("document")
     scene = SubElement(root, "scene", id=name, name=name)
-    for part in parts:
-        if not is_similar(part.transform):
-            raise ValueError(f"{part.name} is sheared, mirrored or scaled unevenly")
-        linear = part.transform[:, :3]
+    for number, file, transform in parts:
+        if not is_similar(transform):
+            raise ValueError(f"{number} is sheared, mirrored or scaled unevenly")
+        linear = transform[:, :3]
         scale = float(np.cbrt(np.linalg.det(linear)))
-        element = SubElement(scene, "part", id=part.name)
-        _param(_filter(element, "objloader"), "string", "filepath", part.file)
+        element = SubElement(scene, "part", id=str(number))
+        _param(_filter(element, "objloader"), "string", "filepath", file)
         turn = Rotation.from_matrix(linear / scale)
         if turn.magnitude():
             step = _filter(element, "rotate")
             rotated(SubElement(step, "param", type="rotation", key="rotation"), turn)
         if scale != 1.0:
             _param(_filter(element, "scale"), "double", "scale", repr(scale))
-        where = ";".join(repr(x) for x in part.transform[:, 3].tolist())
+        where = ";".join(repr(x) for x in transform[:, 3].tolist())
         _param(_filter(element, "translate"), "vec3", "offset", where)
     return root
 

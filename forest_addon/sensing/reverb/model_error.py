@@ -74,9 +74,10 @@ def model_error(
     fits = [f for f in frequencies.tolist() if unknowns(f, centre, radius, speed) <= LARGEST]
     every, once = [], []
     for done, frequency in enumerate(fits, start=1):
-        field = scattered_field(np.array([frequency]), centre, radius, ends[0], ends[1:], speed)
-        every.append(field.every[0, 0])
-        once.append(field.once[0, 0])
+        at = np.array([frequency])
+        coupled, alone, _ = scattered_field(at, centre, radius, ends[0], ends[1:], speed)
+        every.append(coupled[0, 0])
+        once.append(alone[0, 0])
         if progress:
             progress(done, len(fits))
     return ModelError(np.array(fits), np.array(every), np.array(once), taken, left_out)

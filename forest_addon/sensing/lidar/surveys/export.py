@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
@@ -47,15 +46,6 @@ THEIRS = Rotation.from_euler("z", np.pi / 2)  # from our axes to theirs
 SCENES = "data/scenes"
 
 
-@dataclass(frozen=True)
-class Exported:
-    """Survey of a sensor, None where HELIOS++ has none like it, and what was not said, in sentences."""
-
-    sensor: str
-    survey: str | None
-    unsaid: tuple[str, ...]
-
-
 class NoSurveyError(ValueError):
     """HELIOS++ has no scanner like a sensor."""
 
@@ -65,17 +55,21 @@ Written = tuple[Element, Element, list[Element]]  # scanner, platform, legs
 
 def write_survey(
     sensor: Sensor, folder: Path, scene: str, surfaces: Surfaces, way: Trajectory | None = None
-) -> Exported:
+) -> tuple[str | None, list[str]]:
     """Write the survey of a sensor with its scanner and platform, if HELIOS++ has one like it.
 
     surfaces : that the materials were made of. way : of a mobile sensor.
+
+    Returns
+    -------
+    the survey's path within the folder, None where HELIOS++ has none; what was not said, in sentences.
     """
     name = f"{scene}-{sensor.name}"
     way, file = way or flown(sensor), f"data/trajectories/{name}.trj"
     try:
         (scanner, platform, legs), unsaid = _told(sensor, way, folder, file)
     except NoSurveyError as why:
-        return Exported(sensor.name, None, (str(why),))
+        return None, [str(why)]
     files = f"data/scanners-{name}.xml", f"data/platforms-{name}.xml"
     survey = Element(
         "survey",
@@ -121,7 +115,7 @@ def write_survey(
             "bounces are left out": sensor.bounces,
         }
         unsaid += [sentence for sentence, holds in sentences.items() if holds]
-    return Exported(sensor.name, path, tuple(unsaid))
+    return path, unsaid
 
 
 def _told(

@@ -42,7 +42,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import fft
@@ -69,13 +69,7 @@ FINEST_FILTERS = (
 )  # tolerances from which on filters serve: of air alone, and of a path's gain
 
 
-@dataclass(frozen=True)
-class FastSum:
-    """samples : (N,). errors : {lower end of an octave in Hz: relative error at most}: the tolerance, or what
-    checks of H found where they found more."""
-
-    samples: np.ndarray
-    errors: dict[float, float]
+Summed = tuple[np.ndarray, dict[float, float]]  # samples, and errors by the lower end of an octave
 
 
 class Expansions:
@@ -96,8 +90,9 @@ class Expansions:
         tolerance: float,
         losses: Losses | None = None,
         progress: Progress | None = None,
-    ) -> FastSum:
-        """(count,) samples at ``rate`` Hz, sample 0 when the source sounds.
+    ) -> Summed:
+        """(count,) samples at ``rate`` Hz, sample 0 when the source sounds; {lower end of an octave in Hz:
+        relative error at most}: the tolerance, or what checks of H found where they found more.
 
         losses : of paths, besides what the air takes; None: nothing.
         progress : called as progress(trunks done, all trunks); of many radii in parts of the work.
@@ -131,7 +126,7 @@ class Expansions:
                     errors[octave] = max(error, errors.get(octave, 0.0))
         if progress:
             progress(len(paths.length), len(paths.length))
-        return FastSum(total, {low: max(error, tolerance) for low, error in errors.items()})
+        return total, {low: max(error, tolerance) for low, error in errors.items()}
 
     def _of_many_radii(
         self,
@@ -143,7 +138,7 @@ class Expansions:
         losses: Losses | None,
         loss_at: Loss,
         progress: Progress | None,
-    ) -> FastSum:
+    ) -> Summed:
         """Sum by panels of frequency, but for loud trunks, which are summed exactly."""
         speed, bark = air.speed(), losses.bark if losses else 0.0
         bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
@@ -198,7 +193,7 @@ class Expansions:
                 done += len(rows)
                 if progress:
                     progress(done, len(bands) * len(rest.length))
-        return FastSum(total, {low: max(error, tolerance) for low, error in errors.items()})
+        return total, {low: max(error, tolerance) for low, error in errors.items()}
 
     def _gain(
         self,

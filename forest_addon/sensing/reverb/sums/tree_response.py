@@ -117,8 +117,9 @@ def tree_response(
         samples[:part] = direct_sum(within, rate, part, air, progress, losses, reverb.tolerance)
     else:
         prepared = Expansions() if expansions is None else expansions
-        fast = prepared.sum(within, rate, part, air, reverb.tolerance, losses, progress)
-        samples[:part], errors = fast.samples, fast.errors
+        samples[:part], errors = prepared.sum(
+            within, rate, part, air, reverb.tolerance, losses, progress
+        )
     left = left_out_db(paths, heard, direct, rate, air, losses)
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
 
