@@ -99,13 +99,6 @@ def test_impedance_by_hand() -> None:
     np.testing.assert_allclose(old, [10.08 - 11.9j, 2.61468 - 2.21588j], 1e-5)
 
 
-def test_presets_from_soft_to_hard() -> None:
-    frequency = np.array([500.0])
-    sizes = [abs(surface_impedance(frequency, sigma)[0]) for sigma in SURFACES.values()]
-    assert sizes == sorted(sizes)
-    assert surface_impedance(frequency, 50.0)[0].imag < 0  # a stiffness, in e^{+iωt}
-
-
 def test_hard_ground_is_a_mirror() -> None:
     frequency = np.geomspace(20, 20_000, 50)
     found = spherical_reflection(frequency, 10.0, 3.0, 1e12, SPEED)

@@ -20,7 +20,7 @@ from forest_addon.growth.lsystem import branching
 from forest_addon.growth.lsystem.branching import grow_honda, predict_branches, skeleton_of
 from forest_addon.growth.mesh.leaves import Leaves, measure_leaves
 from forest_addon.growth.mesh.meshing import mesh_wood
-from forest_addon.growth.skeleton import Skeleton, diameter_at, find_axes
+from forest_addon.growth.skeleton import Skeleton, diameter_at
 from forest_addon.growth.tree import SUNK, Tree, fallen, grow, in_season, with_fallen
 from forest_addon.growth.truth import (
     leaf_angles,
@@ -448,14 +448,6 @@ def straight(h, r1, r2):
     )
 
 
-def test_cylinder_is_simlidars():
-    d, h = 0.3, 2.0
-    wood = wood_of_skeleton(straight(h, d / 2, d / 2))
-    assert wood.volume == pytest.approx(np.pi * d**2 * h / 4)
-    assert wood.area == pytest.approx(np.pi * d * h)
-    assert wood.projected == pytest.approx(d * h)
-
-
 @pytest.mark.medium
 def test_cone_and_frustum():
     cone = wood_of_skeleton(straight(3.0, 0.5, 0.0))
@@ -611,12 +603,6 @@ def fork():
         order=np.array([0, 0, 1, 1, 2]),
         generation=np.array([0, 1, 1, 2, 2]),
     )
-
-
-def test_axes_and_extensions():
-    axes = find_axes(fork())
-    assert axes.onward.tolist() == [1, -1, 3, -1, -1]
-    assert axes.of_segment.tolist() == [0, 0, 1, 1, 2]
 
 
 def test_diameter_at_a_height():

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from references.rays import BruteCaster
+from references.rays import BruteCaster, scene_with
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
@@ -160,10 +160,7 @@ def slab(index, rng, size=0.4, half=7.0):
     corners = np.stack([centre - u - v, centre + u - v, centre + u + v, centre - u + v], axis=1)
     first = 4 * np.arange(count)[:, None, None]
     triangles = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
-    mesh = TriMesh.of_part(corners.reshape(-1, 3), triangles, LEAF)
-    place = np.eye(4)[None, :3]
-    one = np.zeros(1, dtype=np.int64)
-    return SceneGeometry((mesh,), place, one, ("leaves",), one, one)
+    return scene_with(TriMesh.of_part(corners.reshape(-1, 3), triangles, LEAF))
 
 
 @pytest.mark.slow
@@ -192,9 +189,7 @@ def test_a_hemispherical_picture_shows_a_ceiling_where_it_is():
     """A square at height 1 from x 0 to 2 and y 0 to 1, east and north of the point: tan z (cos a, sin a)."""
     corners = np.array([[0, 0, 1], [2, 0, 1], [2, 1, 1], [0, 1, 1.0]])
     mesh = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), LEAF)
-    one = np.zeros(1, dtype=np.int64)
-    scene = SceneGeometry((mesh,), np.eye(4)[None, :3], one, ("ceiling",), one, one)
-    seen = hemisphere(BruteCaster(scene), np.zeros(3), 40)
+    seen = hemisphere(BruteCaster(scene_with(mesh)), np.zeros(3), 40)
     row, column = np.indices((40, 40))
     east, north = 1 - (column + 0.5) / 20, 1 - (row + 0.5) / 20  # the head lies north: east is left
     away = np.hypot(east, north)

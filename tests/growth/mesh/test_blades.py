@@ -231,12 +231,6 @@ def test_the_truth_of_such_leaves_is_what_their_triangles_measure():
         np.testing.assert_allclose(np.abs((told.normal * measured.normal).sum(1)), 1, atol=1e-9)
 
 
-def test_shapes_of_before_are_as_before():
-    for shape in ("ellipse", "oval", "maple", "needle"):
-        one = blade(shape, petiole=0.4, curl_deg=30.0)
-        assert np.array_equal(one.vertices, SHAPES[shape].vertices)
-
-
 @pytest.mark.medium
 def test_needles_of_a_fascicle_spring_from_one_place_and_shade_as_their_number():
     single, pairs = (

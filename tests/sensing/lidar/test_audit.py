@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.rays import BruteCaster, ordinary
+from references.rays import BruteCaster, ordinary, scene_with
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, TriMesh
@@ -21,10 +21,9 @@ def scene(count: int = 300, shift: float = 0.0) -> SceneGeometry:
     rng = stream(5, "audit test")
     corners = rng.uniform(-3, 3, (count, 1, 3)) + rng.normal(0, 0.4, (count, 3, 3))
     mesh = TriMesh.of_part(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), LEAF)
-    place = np.eye(3, 4)[None].copy()
-    place[0, :, 3] = shift
-    none = np.full(1, -1)
-    return SceneGeometry((mesh,), place, np.zeros(1, int), ("leaves",), none, none)
+    found = scene_with(mesh)
+    found.transform[0, :, 3] = shift
+    return found
 
 
 class Off(BruteCaster):
@@ -86,8 +85,7 @@ def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
     first = 2 * np.arange(len(edge) - 1)[:, None]
     strips = np.concatenate([first + np.array([0, 1, 2]), first + np.array([1, 3, 2])])
     mesh = TriMesh.of_part(ends[:, [1, 0, 2]] * (-1, 1, 1), strips, LEAF)
-    none = np.full(1, -1)
-    level = SceneGeometry((mesh,), np.eye(3, 4)[None], np.zeros(1, int), ("ground",), none, none)
+    level = scene_with(mesh)
     place = {"position": (-6.0, -3.0, 1.0), "reach": 5.0, "top": 2.0}
     drives = Tractor(**place, track=6.0, step=0.5, angle_step_deg=5, splits=1)
 
@@ -140,9 +138,7 @@ def test_either_side_of_an_edge_is_right():
     mesh = TriMesh.of_part(
         np.array([[1.0, 0, 0], [1, 1, 0], [1, 0, 1]]), np.array([[0, 1, 2]]), LEAF
     )
-    none = np.full(1, -1)
-    alone = SceneGeometry((mesh,), np.eye(3, 4)[None], np.zeros(1, int), ("leaf",), none, none)
-    caster = Off(alone, blind=True)
+    caster = Off(scene_with(mesh), blind=True)
     way = np.array([[1.0, 0.3, 1e-7]])
     assert ray_errors(caster, np.zeros((1, 3)), way, 50.0) == 0.0
     assert ray_errors(caster, np.zeros((1, 3)), np.array([[1.0, 0.3, 0.3]]), 50.0) > 40.0
@@ -152,8 +148,7 @@ def test_of_two_surfaces_that_single_precision_cannot_part_either_is_right():
     """A ray 1e-7 m inside of an outer edge meets the front, and the back 2e-7 m behind it."""
     place = np.array([[1.0, 0, 0], [2.0, 1, 0], [2.0, -1, 0], [1.0, 0, 1]])
     both = TriMesh.of_part(place, np.array([[0, 1, 3], [0, 3, 2]]), LEAF)
-    none = np.full(1, -1)
-    wedge = SceneGeometry((both,), np.eye(3, 4)[None], np.zeros(1, int), ("wedge",), none, none)
+    wedge = scene_with(both)
     origin, way = np.array([[1.0 + 1e-7, -5.0, 0.3]]), np.array([[0.0, 1.0, 0.0]])
     behind = both.select(np.array([True, False]))
 
@@ -162,7 +157,7 @@ def test_of_two_surfaces_that_single_precision_cannot_part_either_is_right():
 
         def __init__(self, factor=1.0):
             super().__init__(wedge)
-            self._back = BruteCaster(SceneGeometry((behind,), *vars_of(wedge)))
+            self._back = BruteCaster(scene_with(behind))
             self._factor = factor
 
         def cast(self, *rays, **limits):
@@ -173,10 +168,6 @@ def test_of_two_surfaces_that_single_precision_cannot_part_either_is_right():
     assert 1e-8 < Later().cast(origin, way, 50.0).distance - first < 1e-6
     assert ray_errors(Later(), origin, way, 50.0) < 1e-12
     assert ray_errors(Later(1 + 1e-8), origin, way, 50.0) > 1e-9
-
-
-def vars_of(scene):
-    return scene.transform, scene.mesh_index, scene.object_name, scene.tree, scene.species
 
 
 def test_an_error_that_is_no_number_is_not_kept():

@@ -370,13 +370,6 @@ def test_a_pulse_of_so_many_nanoseconds():
     assert pulse_length(10.0) * 2.3548200450309493 == pytest.approx(1.49896229, rel=1e-9)
 
 
-def test_one_contact_is_one_echo_to_the_last_digit():
-    found = echoes_of([123.456789012345], [0.25])
-    assert found.distance.tolist() == [123.456789012345]
-    assert found.energy.tolist() == [0.25]
-    assert found.width.tolist() == [SIGMA]
-
-
 @pytest.mark.parametrize("gap", [0.0, 0.5, 1.0, 1.9, 2.0])
 def test_two_equal_contacts_within_two_sigma_are_one_echo_in_the_middle(gap):
     found = echoes_of([10.0, 10.0 + gap * SIGMA])

@@ -265,13 +265,6 @@ def test_the_error_at_an_edge_falls_with_the_number_of_sub_rays():
     assert errors[0] > 3 * errors[1] > 9 * errors[2]  # random points would give a factor of 3.2
 
 
-def test_no_two_rays_of_a_beam_coincide_and_pulses_turn():
-    spot = spots(Beam(subrays=200, divergence_mrad=(1.0, 1.0)), 100.0, count=2)
-    gaps = np.linalg.norm(spot[0][:, None] - spot[0][None], axis=2) + np.eye(200)
-    assert gaps.min() > 0.05 / 200
-    assert np.abs(spot[0] - spot[1]).max() > 0.01
-
-
 # ------------------------------------------------------------------------------------------- stepped
 # Parts that move by steps, as rays meet them, held against the still scene of each pulse.
 

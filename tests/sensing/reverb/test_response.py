@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references.rays import BruteCaster
+from references.rays import BruteCaster, scene_with
 from references.reverb import reverb_spectrum_direct
 from scipy import special
 
@@ -192,9 +192,7 @@ def wall(low: float, high: float) -> TriMesh:
 
 
 def caster(mesh: TriMesh) -> BruteCaster:
-    identity = np.eye(3, 4)[None]
-    one = np.zeros(1, np.int64)
-    return BruteCaster(SceneGeometry((mesh,), identity, one, ("wall",), one, one))
+    return BruteCaster(scene_with(mesh))
 
 
 @pytest.mark.parametrize(

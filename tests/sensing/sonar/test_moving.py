@@ -273,9 +273,7 @@ def test_an_echo_is_that_of_leaves_where_they_are(flutters):
         position=(0, 0, 0), cull=0.0, tolerance=0.0, max_range=9, shading="none", record=0.06
     )
     targets = EchoTargets(scene, wind=EchoWind(scene, sways))
-    pose = posed(sonar)
-    pose = SonarPose(pose.position, pose.frame, pose.velocity, None, time)
-    found = ping(targets, sonar, WINDY_AIR, pose=pose)
+    found = ping(targets, sonar, WINDY_AIR, pose=replace(posed(sonar), time=time))
     first = scene_of(posed_mesh(mesh, sways, time), PLACED[0])
     other = scene_of(mesh, PLACED[1])
     alone = [ping(EchoTargets(one), sonar, WINDY_AIR).spectra for one in (first, other)]
@@ -291,8 +289,7 @@ def test_what_is_left_out_stays_within_the_bound():
     sonar = Sonar(
         position=(0, 0, 0), cull=0.05, tolerance=0.0, max_range=9, shading="none", record=0.06
     )
-    pose = posed(sonar)
-    pose = SonarPose(pose.position, pose.frame, pose.velocity, None, 0.8)
+    pose = replace(posed(sonar), time=0.8)
     some, every = (ping(targets, s, WINDY_AIR, pose=pose) for s in (sonar, sonar.changed(cull=0.0)))
     assert len(some.heard) < len(every.heard)
     apart = np.abs(some.spectra - every.spectra).max()
@@ -385,8 +382,7 @@ def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
     size = SWINGS * 1e-3
     swing = Shifted(lambda t: (size * np.sin(TONE * t), size * TONE * np.cos(TONE * t)))
     targets = EchoTargets(scene, wind=EchoWind(scene, swing))
-    pose = posed(sonar)
-    pose = SonarPose(pose.position, pose.frame, pose.velocity, None, 0.02)
+    pose = replace(posed(sonar), time=0.02)
     high = 83e3 - 0.05 * 23e3
 
     def alike():

@@ -20,7 +20,7 @@ from forest_addon.acoustics import nonuniform
 from forest_addon.acoustics.disc import backscatter, backscatter_amplitude
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
+from forest_addon.sensing.rays.geometry import apply_transform
 from forest_addon.sensing.sonar import search
 from forest_addon.sensing.sonar.beam import GaussianBeam, beam_offsets
 from forest_addon.sensing.sonar.echo import Echo
@@ -192,13 +192,6 @@ def test_leaf_without_area_adds_nothing(model: str) -> None:
     assert (numbers(two), two.cull_bound) == ([0], 0.0)
 
 
-def test_edge_on_leaf() -> None:
-    edge = ping(discs_of([[2, 0, 2]], [0, 0, 1.0], 0.02), Sonar(), AIR)
-    face = ping(discs_of([[2, 0, 2]], [1.0, 0, 0], 0.02), Sonar(), AIR)
-    assert np.isfinite(edge.spectrum).all()
-    assert np.abs(edge.spectrum).max() < 1e-15 * np.abs(face.spectrum).max()
-
-
 @pytest.mark.parametrize("far", [10.2, 14.99])
 def test_late_echoes_do_not_wrap(far: float) -> None:
     """The record ends after the last echo's tail, and holds nothing before the first echo."""
@@ -296,8 +289,7 @@ def board(x: float) -> BruteCaster:
     """A board across the beam's right half (y < 0)."""
     corners = np.array([(x, -5, -5), (x, 0, -5), (x, 0, 9), (x, -5, 9)], dtype=np.float64)
     mesh = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), WOOD)
-    one = np.zeros(1, np.int64)
-    return BruteCaster(SceneGeometry((mesh,), np.eye(3, 4)[None], one, ("board",), one, one))
+    return BruteCaster(scene_of(mesh))
 
 
 def test_wood_hides_leaves() -> None:
