@@ -266,7 +266,7 @@ def _trunks(channel: Channel, share: float) -> list[AuditPart]:
         fade = np.hanning(count) ** 2  # so smooth that nothing of higher sound is heard below
         below = OctaveBand(None, (2 * LOW, 4 * LOW), slow)
         apart = (trees - summed(count, (below,))) * fade
-        return octave_errors(apart, trees * fade, rate, LOWEST, LOW)[1:].max(keepdims=True)
+        return octave_errors(apart, trees, rate, LOWEST, LOW)[1:].max(keepdims=True)
 
     seconds = f"{part / rate:.2g} s of the trunks' sound by the direct sum"
     kind = seconds, channel.allowed, "of the octave"

@@ -337,6 +337,32 @@ def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_
         assert pieces.kept == (louder == 1.0), str(pieces)
 
 
+@pytest.mark.medium
+@pytest.mark.parametrize("planted", [0.0, 1e-3])
+def test_low_octaves_of_a_long_record_that_is_loud_at_its_begin(planted):
+    """5 s of trunks that sound within 0.1 s: silent on what is right, loud on a tone of 30 Hz."""
+    trunks = stand(np.full(25, 0.2))
+    clap = CLAP.changed(sample_rate=24000, duration=5.0)
+    time = np.arange(120_000) / 24000
+
+    def wrong(found):
+        below = octave_part(found.trees, 24000, 20.0)
+        tone = np.sin(2 * np.pi * 30 * time)
+        return replace(found, trees=found.trees + tone * (planted * below / np.linalg.norm(tone)))
+
+    found = audit(trunks, clap, wrong)
+    (low,) = [check for check in found.checks if check.what.startswith("octaves up to")]
+    assert low.kept == (planted == 0.0), str(found)
+
+
+def octave_part(samples, rate, low):
+    """Norm of samples between a frequency and its double."""
+    spectrum = np.fft.rfft(samples)
+    frequency = np.fft.rfftfreq(len(samples), 1 / rate)
+    within = spectrum[(frequency >= low) & (frequency < 2 * low)]
+    return np.linalg.norm(within) * np.sqrt(2 / len(samples))
+
+
 def test_no_trunks():
     found = audit(Trunks(np.empty((0, 2)), np.empty(0), np.empty(0, int)), CLAP)
     assert found.kept
