@@ -16,6 +16,12 @@ def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) over their lengths; one without a length stays as it is."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
+
+
 def column(vectors: np.ndarray, number: int) -> np.ndarray:
     """A column (...) of vectors (..., N), in memory of its own.
 

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.rng import stream
+from ..base.vectors import unit
 from ..spec import Siblings
 from .mesh.leaves import Leaves
 from .own_tree.anatomy import OFF
@@ -112,8 +113,7 @@ def axes_of(wood: Skeleton) -> tuple[np.ndarray, np.ndarray]:
 def insertion_angles(wood: Skeleton) -> np.ndarray:
     """(B,) radians between the first segment of each axis and what bears it; a trunk's from upright."""
     first, _ = axes_of(wood)
-    heading = wood.end - wood.start
-    heading = heading / np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-12)
+    heading = unit(wood.end - wood.start)
     borne = wood.parent[first] >= 0
     bearer = np.where(borne[:, None], heading[wood.parent[first]], [0.0, 0.0, 1.0])
     cosine = np.einsum("bi,bi->b", heading[first], bearer)

@@ -34,6 +34,7 @@ import numpy as np
 from ..base.rng import stream
 from ..base.runs import numbered
 from ..base.trimesh import TriMesh, is_wood
+from ..base.vectors import unit
 from .measured.allometry import crown_of, dbh_of
 from .mesh.leaves import Leaves
 from .skeleton import TOUCH, Skeleton, find_axes
@@ -241,8 +242,7 @@ def _shared(
     slope = r2 - r1
     weight = (r1 + slope * along) ** 2  # (H, P): a thick end has more
     axis = (skeleton.end[heads] - skeleton.start[heads]) / length[heads, None]
-    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=1)])
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    side = unit(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=1)]))
     across = np.cross(axis, side)
     far = (r1 + slope * along) * np.sqrt(out)
     cos, sin = far * np.cos(2 * np.pi * turn), far * np.sin(2 * np.pi * turn)

@@ -32,6 +32,7 @@ import numpy as np
 
 from ...base.rng import child_keys, keyed_uniform, truncated_normal
 from ...base.runs import numbered
+from ...base.vectors import unit
 from ...spec import MAX_REACH, Grammar, Honda, Jitter, Leaf, Species
 from ..draw import GOLDEN, draw_discrete, draw_normal
 from ..mesh.blades import leaves_on_nodes, set_leaves
@@ -154,9 +155,9 @@ def interpret(
                 bent = axis + np.tan(lean) * (
                     draws["lean"][s, None] * side + draws["side"][s, None] * np.cross(axis, side)
                 )
-                heading[s] = bent / np.linalg.norm(bent, axis=1, keepdims=True)
+                heading[s] = unit(bent)
                 aside = side - np.einsum("ni,ni->n", side, heading[s])[:, None] * heading[s]
-                left[s] = aside / np.linalg.norm(aside, axis=1, keepdims=True)
+                left[s] = unit(aside)
                 radius[s] = radius[below] * ratio[s]
                 start[s] = end[below]
             else:
@@ -240,8 +241,7 @@ def _tip_leaves(skeleton: Skeleton, leaf: Leaf, key: int) -> LeafSites:
     keys = child_keys(child_keys(np.full(len(tip), key, np.uint64), tip), "leaf")
     along = (skeleton.end - skeleton.start)[tip, None]
     share = ((np.arange(leaf.nodes) + 1) / leaf.nodes)[:, None]
-    heading = along / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-12)
-    heading = np.repeat(heading, leaf.nodes, axis=1)
+    heading = np.repeat(unit(along), leaf.nodes, axis=1)
     return leaves_on_nodes(leaf, keys, skeleton.start[tip, None] + share * along, heading, tip)
 
 
@@ -370,9 +370,8 @@ def _draw(honda: Honda, here: _Branches, first: int) -> _Chains:
             # Not past the vertical: a hanging twig hangs.
             angle = np.clip(droop / pieces * size, -np.inf, np.arctan2(size, -heading[:, 2]))
             heading, across = _turn(heading, axis, angle), _turn(across, axis, angle)
-        across = across - np.einsum("bi,bi->b", across, heading)[:, None] * heading
-        across = across / np.linalg.norm(across, axis=1, keepdims=True)
-        heading = heading / np.linalg.norm(heading, axis=1, keepdims=True)
+        across = unit(across - np.einsum("bi,bi->b", across, heading)[:, None] * heading)
+        heading = unit(heading)
         headings[:, piece], acrosses[:, piece] = heading, across
         node[:, piece + 1] = node[:, piece] + (here.length / pieces)[:, None] * heading
     return _Chains(node, headings, acrosses, first)

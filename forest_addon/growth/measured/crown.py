@@ -37,7 +37,7 @@ import scipy
 
 from ...base.rng import child_keys, keyed_normal, keyed_uniform
 from ...base.runs import numbered, sums
-from ...base.vectors import azimuth_of, cross_rows
+from ...base.vectors import azimuth_of, cross_rows, unit
 from ...spec import Architecture, Crown, Leaf
 from ..draw import GOLDEN, draw_normal
 from ..mesh.blades import across, set_leaves
@@ -146,10 +146,10 @@ def colonise(
         pull = (points - every[owner]) / near[:, None]
         grown, which = np.unique(owner, return_inverse=True)
         way = sums(which, pull, len(grown))
-        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)  # of none: no way
         way += crown.crook * rng.standard_normal(way.shape)
         way[:, 2] += crown.rise
-        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+        way = unit(way)
         again = np.einsum("ni,ni->n", way, steps[grown]) > ALIKE
         stuck = np.isin(owner, grown[again])  # between two points it would step for ever
         points, near, owner = points[~stuck], near[~stuck], owner[~stuck]
@@ -421,8 +421,7 @@ def _divided(
     end = np.column_stack([end, base + (height - base) * level]) - place[at]
     end[:, 2] = np.maximum(end[:, 2], 0.1)
     before = place[np.maximum(at - 1, starts[of])]
-    leave = place[at] - before + 1e-9 * end
-    leave /= np.maximum(np.linalg.norm(leave, axis=1, keepdims=True), 1e-9)
+    leave = unit(place[at] - before + 1e-9 * end)
     chord = np.linalg.norm(end, axis=1, keepdims=True)
     leave = 0.6 * leave + 0.4 * end / chord
     path = np.stack([0 * end, 0.35 * chord * leave, 0.7 * end, end], axis=1)
@@ -496,11 +495,10 @@ def seat_twigs(
     around += np.sin(azimuth)[:, None] * cross_rows(heading, side)
     direction = np.cos(angle) * heading + np.sin(angle) * around
     direction[:, 2] += crown.rise - crown.hang
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     length = draw_normal(crown.twig, keys, "twig length")
     room = skeleton.end[:, 2].max() - start[:, 2]  # to the top, where twigs are of this year
     length = length * np.clip(room / (TAPER * crown.twig.mean), SHORTEST, 1.0)
-    end = start + length[:, None] * direction
+    end = start + length[:, None] * unit(direction)
     return Twigs(start, end, segment, keys)
 
 
@@ -529,7 +527,7 @@ def leaves_on(leaf: Leaf, twigs: Twigs, first: int, count: int, stalk: bool) -> 
     twig, number = numbered(each)
     share = 1 - number / np.maximum(each[twig], 1) * 0.85
     way = twigs.end - twigs.start
-    heading = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+    heading = unit(way)
     foot = twigs.start[twig] + share[:, None] * way[twig]
     keys = child_keys(twigs.key[twig], number)
     azimuth = GOLDEN * number + 2 * np.pi * keyed_uniform(twigs.key, "leaf phase")[twig]
@@ -704,8 +702,7 @@ def _bent(
     nodes, way = [foot], heading
     for piece in range(pieces):
         turn = [keyed_normal(keys, f"bend {axis} {piece}") for axis in range(3)]
-        way = way + 0.14 * np.column_stack(turn)
-        way = way / np.linalg.norm(way, axis=1, keepdims=True)
+        way = unit(way + 0.14 * np.column_stack(turn))
         nodes.append(nodes[-1] + (length / pieces)[:, None] * way)
     place = np.stack(nodes, axis=1)
     place[:, :, 2] = np.maximum(place[:, :, 2], 0.03)
@@ -728,12 +725,11 @@ def _sides(
     piece = np.minimum(at.astype(int), pieces - 1)
     part = (at - piece)[:, None]
     foot = place[of, piece] * (1 - part) + place[of, piece + 1] * part
-    along = way[of, piece] / np.linalg.norm(way[of, piece], axis=1, keepdims=True)
+    along = unit(way[of, piece])
     aside = cross_rows(along, across(along))
     turn = 2 * np.pi * keyed_uniform(own, "turn")[:, None]
     out = np.cos(turn) * across(along) + np.sin(turn) * aside
-    heading = along + (0.7 + 0.6 * keyed_uniform(own, "lean"))[:, None] * out
-    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+    heading = unit(along + (0.7 + 0.6 * keyed_uniform(own, "lean"))[:, None] * out)
     long = SIDE * length[of] * (0.3 + 0.9 * keyed_uniform(own, "length"))
     thick = np.maximum(0.5 * radius[of, piece], THINNEST)
     line = _bent(foot, heading, long, thick, own, 2)

@@ -29,7 +29,7 @@ import numpy as np
 
 from ...base.rng import child_keys
 from ...base.trimesh import LEAF, TriMesh
-from ...base.vectors import cross_rows
+from ...base.vectors import cross_rows, unit
 from ...spec import Leaf, Needles
 from ..draw import GOLDEN, draw_normal
 from ..skeleton import LeafSites
@@ -353,9 +353,7 @@ def _curved(
 def _facing(sites: LeafSites, part: slice) -> np.ndarray:
     """(L, 3) what is up of some leaves, across their direction."""
     u, d = sites.up[part], sites.direction[part]
-    facing: np.ndarray = u - np.einsum("li,li->l", u, d)[:, None] * d
-    facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), np.finfo(float).tiny)
-    return facing
+    return unit(u - np.einsum("li,li->l", u, d)[:, None] * d)
 
 
 def thin_leaves(
@@ -558,16 +556,14 @@ def set_leaves(
     angle = np.deg2rad(draw_normal(leaf.angle_deg, keys, "leaf angle"))[:, None]
     around = np.cos(azimuth)[:, None] * across
     around = around + np.sin(azimuth)[:, None] * cross_rows(heading, across)
-    direction = np.cos(angle) * heading + np.sin(angle) * around
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = unit(np.cos(angle) * heading + np.sin(angle) * around)
     blade = draw_normal(leaf.length, keys, "leaf length")
     width = blade * draw_normal(leaf.width_ratio, keys, "leaf width")
     length = blade * (1 + stalk_of(leaf))
     up = -direction[:, 2:] * direction  # as far up as the direction allows
     up[:, 2] += 1.0
     up[np.abs(direction[:, 2]) > 1 - 1e-12] = (1.0, 0.0, 0.0)
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    return LeafSites(foot, direction, up, length, width, segment)
+    return LeafSites(foot, direction, unit(up), length, width, segment)
 
 
 def leaves_on_nodes(
@@ -720,15 +716,13 @@ def _strips(
     azimuth, lean = GOLDEN * bundle, angle * (1 - 0.5 * (bundle / bundles) ** 3)
     radial = np.stack([np.zeros(count), np.cos(azimuth), np.sin(azimuth)], axis=1)
     way = np.cos(lean)[:, None] * [1.0, 0, 0] + np.sin(lean)[:, None] * radial
-    side = np.cross(way, radial)
-    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+    side = unit(np.cross(way, radial))
     third = np.cross(way, side)
     if needles.together > 1:
         round_it = 2 * np.pi * of_bundle[:, None] / needles.together
         apart = np.cos(round_it) * side + np.sin(round_it) * third
         way = np.cos(APART) * way + np.sin(APART) * apart
-        side = np.cross(way, radial)
-        side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+        side = unit(np.cross(way, radial))
         third = np.cross(way, side)
     turn = 2.4 * k[:, None]
     side = np.cos(turn) * side + np.sin(turn) * third

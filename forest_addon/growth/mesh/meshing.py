@@ -32,7 +32,7 @@ import numpy as np
 from ...base.rng import stream
 from ...base.runs import along_lines, numbered
 from ...base.trimesh import WOOD, Edges, TriMesh
-from ...base.vectors import cross_rows
+from ...base.vectors import cross_rows, unit
 from ..draw import GOLDEN
 from ..skeleton import TOUCH, Axes, Skeleton, find_axes
 
@@ -516,13 +516,11 @@ def tube(points: np.ndarray, radius: np.ndarray, sides: int) -> tuple[np.ndarray
     radius : (P,) metres.
     """
     count = len(points)
-    step = np.diff(points, axis=0)
-    step /= np.linalg.norm(step, axis=1, keepdims=True)
+    step = unit(np.diff(points, axis=0))
     between = step[:-1] + step[1:]
     sharp = np.linalg.norm(between, axis=1) < 1e-6  # the line turns back on itself: keep its way
     between[sharp] = step[:-1][sharp]
-    tangent = np.concatenate([step[:1], between, step[-1:]])
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    tangent = unit(np.concatenate([step[:1], between, step[-1:]]))
 
     around = np.empty((count, 3))
     around[0] = _across(tangent[0])

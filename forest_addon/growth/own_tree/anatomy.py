@@ -30,6 +30,7 @@ from ...base.vectors import (
     column,
     cross_rows,
     nearest_on_triangles,
+    unit,
     winding_number,
 )
 from ..mesh.leaves import CopyStock, Leaves, measure_leaves
@@ -109,8 +110,7 @@ def _through(knot: np.ndarray, radius: np.ndarray, first: np.ndarray) -> tuple[L
     length = np.linalg.norm(way, axis=1)
     direction = way / np.maximum(length, np.finfo(float).tiny)[:, None]
     broken = length < 1e-9  # no direction of its own: the line's
-    whole = (knot[first[1:] - 1] - knot[first[:-1]])[owner[inner]]
-    whole /= np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), np.finfo(float).tiny)
+    whole = unit(knot[first[1:] - 1] - knot[first[:-1]])[owner[inner]]
     direction[broken] = whole[broken]
     direction[np.linalg.norm(direction, axis=1) < 0.5] = (0.0, 0.0, 1.0)
     return Lines(bounds(size - 1), knot, radius, length, np.empty((0, 3, 3))), direction

@@ -22,6 +22,7 @@ import scipy
 
 from ...base.rows import lengths
 from ...base.runs import Runs, along_lines, bounds, numbered, sums
+from ...base.vectors import unit
 from .pieces import Pieces
 
 STRETCH = 4.0  # mean radii from knot to knot
@@ -295,7 +296,7 @@ def _find_end(
     place = np.stack([samples.of_vertices[row] @ axis for axis in pieces.vertices.T], axis=1)
     near_end = np.flatnonzero(depth <= (REGION * near)[owner])
     corner, of_corner = pieces.vertices[near_end], owner[near_end]
-    inwards = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), np.finfo(float).tiny)
+    inwards = unit(way)
     for _ in range(ROUNDS + 1):
         along = np.einsum("vi,vi->v", corner, inwards[of_corner])
         least = np.full(count, np.inf)
@@ -305,8 +306,7 @@ def _find_end(
         inner = np.where(seen > near[piece], weight, 0.0)
         there = _weighted(place, inner * (seen <= FAR * near[piece]), piece, count)
         there = np.where(np.isfinite(there), there, _weighted(place, inner, piece, count))
-        inwards = there - here
-        inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), np.finfo(float).tiny)
+        inwards = unit(there - here)
         inwards = np.where(np.isfinite(inwards), inwards, 0.0)
     along = np.einsum("vi,vi->v", corner - here[of_corner], inwards[of_corner])
     least = np.full(count, np.inf)
@@ -324,9 +324,7 @@ def _find_end(
     )
     hook = np.linalg.norm(foot - known, axis=1) > HOOK * thick
     foot[hook], near = known[hook], np.where(hook, 0.0, near)
-    inwards = there - foot
-    inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), np.finfo(float).tiny)
-    return foot, inwards, near
+    return foot, unit(there - foot), near
 
 
 def _weighted(place: np.ndarray, weight: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from ...base.rows import RowTable
-from ...base.vectors import azimuth_of, cross_rows
+from ...base.vectors import azimuth_of, cross_rows, unit
 
 LEVEL = 1e-6  # length of a unit heading's shadow from which it points some way
 STEEP = 0.97  # |T_z| from which a branch counts as upright, and no side of it is the upper one
@@ -251,7 +251,7 @@ def upper_frames(heading: np.ndarray) -> np.ndarray:
     """(N, 3, 3) frames of unit headings that are not upright, N on the upper side."""
     up = -heading[:, 2:] * heading
     up[:, 2] += 1.0
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    up = unit(up)
     return np.stack([up, np.cross(heading, up), heading], axis=2)
 
 

@@ -40,7 +40,7 @@ import numpy as np
 
 from ...base.rows import lengths
 from ...base.runs import firsts
-from ...base.vectors import zenith_of
+from ...base.vectors import unit, zenith_of
 from ..mesh.meshing import tube
 from .centreline import Centrelines, Tubes, find_centrelines, find_contacts
 from .pieces import Pieces, assemble, join_pieces, part
@@ -458,8 +458,7 @@ def _best_wood(
             [lines.knot[first] - lines.knot[first + 1], lines.knot[last] - lines.knot[last - 1]],
             axis=1,
         )
-        out /= np.maximum(np.linalg.norm(out, axis=2, keepdims=True), np.finfo(float).tiny)
-        out = out.reshape(-1, 3)[row]
+        out = unit(out).reshape(-1, 3)[row]
         size = np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
         turn = 1.0 - np.einsum("ni,ni->n", way, out) / size
         length = lines.length()

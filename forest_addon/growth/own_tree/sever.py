@@ -26,6 +26,7 @@ import scipy
 
 from ...base.rows import RowTable
 from ...base.runs import Runs, firsts, numbered, sums
+from ...base.vectors import unit
 from ..skeleton import root_of
 from .centreline import Centrelines, distance_from
 from .pieces import Pieces, assemble, half_edges, join_along, join_pieces, loose_edges_of, select
@@ -274,8 +275,7 @@ def radii(slices: Slices, onward: np.ndarray, down: np.ndarray) -> np.ndarray:
     steps = np.clip(np.ceil(rough / slices.width), 1, MOST_STEPS).astype(np.int64)
     everything = np.arange(len(down))
     heading = slices.centre[_walk(onward, everything, steps)]
-    heading = heading - slices.centre[_walk(down, everything, steps)]
-    heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-300)
+    heading = unit(heading - slices.centre[_walk(down, everything, steps)])
     along = np.einsum("si,sij,sj->s", heading, slices.spread, heading)
     return np.asarray(np.sqrt(np.maximum(rough**2 - along, 0.0)))
 
@@ -328,8 +328,7 @@ def _smooth(slices: Slices, axes: PieceAxes) -> None:
         axes.radius[own] = typical
         before, after = np.maximum(place - span, 0), np.minimum(place + span, len(own) - 1)
         axes.heading[own] = middle[after] - middle[before]
-    size = np.linalg.norm(axes.heading, axis=1, keepdims=True)
-    np.divide(axes.heading, np.maximum(size, 1e-300), out=axes.heading)
+    axes.heading[:] = unit(axes.heading)
 
 
 def beginnings(slices: Slices, axes: PieceAxes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -666,8 +665,7 @@ def _stacked_ends(lines: Centrelines) -> np.ndarray:
     """(N, 2) ends, 2·piece + 0 first or 1 last, that meet; each end is in one pair at most."""
     ends, radius = lines.ends().reshape(-1, 3), lines.end_radius.ravel()
     second = np.stack([lines.first[:-1] + 1, lines.first[1:] - 2], axis=1).ravel()
-    out = ends - lines.knot[second]
-    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), np.finfo(float).tiny)
+    out = unit(ends - lines.knot[second])
     far = lines.end_radius[:, ::-1].ravel()
     fit = np.repeat((lines.length() > SEVER_SLENDER * lines.end_radius.max(axis=1)), 2) & (
         radius > 0
@@ -686,8 +684,7 @@ def _stacked_ends(lines: Centrelines) -> np.ndarray:
     thin = np.minimum(radius[one], radius[other])
     thick = np.maximum(radius[one], radius[other])
     apart = np.einsum("ni,ni->n", way, out[one])
-    course = out[one] - out[other]
-    course /= np.maximum(np.linalg.norm(course, axis=1, keepdims=True), np.finfo(float).tiny)
+    course = unit(out[one] - out[other])
     aside = way - np.einsum("ni,ni->n", way, course)[:, None] * course
     turn = -np.einsum("ni,ni->n", out[one], out[other])
     off = np.linalg.norm(aside, axis=1)

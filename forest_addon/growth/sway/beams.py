@@ -39,7 +39,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import eigsh
 
-from ...base.vectors import beside_segments
+from ...base.vectors import beside_segments, unit
 from ...spec import Species
 from ..skeleton import Skeleton, frustums
 
@@ -437,8 +437,7 @@ def _to_global(members: Members, length: np.ndarray) -> np.ndarray:
     """(B, 12, 12) from nodal motion in the tree's axes to the members' ends in their own."""
     x = (members.end - members.start) / length[:, None]
     aside = np.where(np.abs(x[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    y = np.cross(aside, x)
-    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    y = unit(np.cross(aside, x))
     frame = np.stack([x, y, np.cross(x, y)], axis=1)
     whole = np.zeros((len(length), 12, 12))
     for block in range(4):

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.runs import numbered
-from ...base.vectors import beside_segments
+from ...base.vectors import beside_segments, unit
 from ..mesh.leaves import Leaves
 from ..skeleton import LeafSites, Skeleton, frustums
 from .beams import GreenWood, Members, Modes, members_of, point_masses, standing_modes
@@ -237,7 +237,7 @@ def _samples(shape: SwayShape) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]
 
 def _around(axis: np.ndarray, radius: np.ndarray) -> list[np.ndarray]:
     """Ways (B, 3) from axes to themselves and to four places on the bark."""
-    way = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    way = unit(axis)
     aside = np.where(np.abs(way[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(way, aside)
     first *= (radius / np.linalg.norm(first, axis=1))[:, None]
