@@ -145,8 +145,8 @@ def colonise(
             break
         pull = (points - every[owner]) / near[:, None]
         grown, which = np.unique(owner, return_inverse=True)
-        way = sums(which, pull, len(grown))
-        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)  # of none: no way
+        way = sums(which, pull, len(grown))  # what pulls from opposite sides alike pulls nowhere
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
         way += crown.crook * rng.standard_normal(way.shape)
         way[:, 2] += crown.rise
         way = unit(way)
@@ -421,7 +421,8 @@ def _divided(
     end = np.column_stack([end, base + (height - base) * level]) - place[at]
     end[:, 2] = np.maximum(end[:, 2], 0.1)
     before = place[np.maximum(at - 1, starts[of])]
-    leave = unit(place[at] - before + 1e-9 * end)
+    leave = place[at] - before + 1e-9 * end
+    leave /= np.maximum(np.linalg.norm(leave, axis=1, keepdims=True), 1e-9)
     chord = np.linalg.norm(end, axis=1, keepdims=True)
     leave = 0.6 * leave + 0.4 * end / chord
     path = np.stack([0 * end, 0.35 * chord * leave, 0.7 * end, end], axis=1)
