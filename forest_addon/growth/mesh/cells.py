@@ -54,14 +54,12 @@ def areas_by_cell(
     at = np.floor(place).astype(np.int64)
     grid = _Grid.around(at)
     key = grid.number(at)
-    if grid.count < 2**31 and abs(at).max(initial=0) < 2**20:
-        at, key = at.astype(np.int32), key.astype(np.int32)
     corners = np.ascontiguousarray(triangles.T)
     numbers, kinds, sizes = [], [], []
     for first in range(0, len(triangles), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
         of_part, size = part[rows], area[rows]
-        for number, source, share in _shares(place, at, key, corners[:, rows], grid):
+        for number, source, share in _shares(place, key, corners[:, rows], grid):
             numbers.append(number)
             kinds.append(of_part[source])
             sizes.append(size[source] * share)
@@ -129,44 +127,19 @@ class _Grid:
 
 
 def _shares(
-    place: np.ndarray, at: np.ndarray, key: np.ndarray, corners: np.ndarray, grid: _Grid
+    place: np.ndarray, key: np.ndarray, corners: np.ndarray, grid: _Grid
 ) -> Iterator[Part]:
     """Cells in which triangles lie, and the share of their area in each.
 
-    place, at : (3, V) vertices in edges, and their cells, whose numbers are ``key``. corners : (3, T).
+    place : (3, V) vertices in edges. key : (V,) numbers of their cells. corners : (3, T).
     """
-    a, b, c = corners
-    of_a, of_b, of_c = key[a], key[b], key[c]
+    of_a, of_b, of_c = key[corners]
     together = (of_a == of_b) & (of_a == of_c)
     rows = np.flatnonzero(together)
     yield of_a[rows], rows, np.ones(len(rows))
 
-    rows = np.flatnonzero(~together)
-    a, b, c = a[rows], b[rows], c[rows]
-    walls, which, wall = np.zeros((3, len(rows)), at.dtype)
-    for axis, cells in enumerate(at):
-        one, two, three = cells[a], cells[b], cells[c]
-        high = np.maximum(np.maximum(one, two), three)
-        more = high - np.minimum(np.minimum(one, two), three)
-        walls += more
-        which += axis * more
-        wall += high * more
-    cut_once = np.flatnonzero(
-        walls == 1
-    )  # there ``which`` is the axis, and ``wall`` the wall on it
-    a, b, c, source, which = a[cut_once], b[cut_once], c[cut_once], rows[cut_once], which[cut_once]
-    along = [place[which, corner] for corner in (a, b, c)]
-    low = np.minimum(np.minimum(of_a[source], of_b[source]), of_c[source])
-    below = _share_below(along, wall[cut_once])
-    yield low, source, below
-    yield low + grid.strides[which], source, 1.0 - below
-
-    rows = rows[walls > 1]
-    yield from _of_pieces(np.moveaxis(place[:, corners[:, rows]], -1, 0), rows, grid)
-
-
-def _of_pieces(pieces: np.ndarray, source: np.ndarray, grid: _Grid) -> Iterator[Part]:
-    """Cells and shares, as of ``_shares``, of triangles (T, axis, corner) over more than one wall."""
+    source = np.flatnonzero(~together)
+    pieces = np.moveaxis(place[:, corners[:, source]], -1, 0)
     share = np.ones(len(pieces))
     while len(pieces):
         low, high = (
