@@ -126,9 +126,7 @@ class _Grid:
         return CellAreas(np.stack(cell, axis=1) + self.low, area[some])
 
 
-def _shares(
-    place: np.ndarray, key: np.ndarray, corners: np.ndarray, grid: _Grid
-) -> Iterator[Part]:
+def _shares(place: np.ndarray, key: np.ndarray, corners: np.ndarray, grid: _Grid) -> Iterator[Part]:
     """Cells in which triangles lie, and the share of their area in each.
 
     place : (3, V) vertices in edges. key : (V,) numbers of their cells. corners : (3, T).

@@ -30,7 +30,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from ...base.rows import distinct, lengths
+from ...base.rows import lengths
 from ...base.runs import sums
 from ...base.trimesh import WOOD, TriMesh
 from ...base.vectors import cross_rows
@@ -167,21 +167,11 @@ def assemble(
     has_area : (T,) where not, a triangle lends its edges only. drawn : see ``Pieces``.
     """
     has_area = np.ones(len(triangles), dtype=bool) if has_area is None else has_area
-    # a vertex is a pair (piece, welded vertex); nearly all are in one piece only
-    some = np.full(len(vertices), -1, dtype=np.int64)
-    some[triangles] = piece[:, None]
-    used = np.flatnonzero(some >= 0)
-    pairs = some[used] * len(vertices) + used
-    elsewhere = some[triangles] != piece[:, None]
-    corner = np.broadcast_to(piece[:, None], triangles.shape)[elsewhere] * len(vertices)
-    corner = corner + triangles[elsewhere]
-    pairs = np.sort(np.concatenate([pairs, distinct(corner)]))
+    # a vertex is a pair (piece, welded vertex)
+    corner = piece.astype(np.int64)[:, None] * len(vertices) + triangles
+    pairs, number = np.unique(corner, return_inverse=True)
     owner, welded = np.divmod(pairs, max(len(vertices), 1))
-    number = np.zeros(len(vertices), dtype=np.int64)
-    here = some[welded] == owner
-    number[welded[here]] = np.flatnonzero(here)
-    triangles = number[triangles]
-    triangles[elsewhere] = np.searchsorted(pairs, corner)
+    triangles = number.reshape(triangles.shape)
     keys = np.unique(edge_keys(triangles, len(pairs)))
     edges = np.stack(np.divmod(keys, max(len(pairs), 1)), axis=1)
     return Pieces(
@@ -241,19 +231,14 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     extent = float((corners.max(axis=0) - low).max()) or 1.0
     cell = ((corners - low) / extent * CELLS).astype(np.int64)
     key = (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
-    order = np.argsort(key)
-    begins = np.diff(key[order], prepend=-1) > 0
-    vertices = corners[np.minimum.reduceat(order, np.flatnonzero(begins))]
-    index = np.empty(len(key), dtype=np.int64)
-    index[order] = np.cumsum(begins) - 1
-
+    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    vertices = corners[first]
     search = scipy.spatial.cKDTree(vertices, balanced_tree=False, compact_nodes=False)
     near = search.query_pairs(WELD * extent, output_type="ndarray")
     if not len(near):
         return vertices, index.reshape(-1, 3)
     label = join_along(near, len(vertices))
-    chosen = np.zeros(int(label.max()) + 1, dtype=np.int64)
-    chosen[label[::-1]] = np.arange(len(vertices))[::-1]  # the first of each chain
+    _, chosen = np.unique(label, return_index=True)  # the first of each chain
     return vertices[chosen], label[index].reshape(-1, 3).astype(np.int64)
 
 
