@@ -341,10 +341,10 @@ def _likenesses(likeness: Likeness) -> Iterator[Miss]:
             words = f"{name} {100 * row.difference:+.0f} % ({100 * MOST_DIFFERENCE:.0f} % allowed)"
             yield Miss(words, abs(row.mean - row.template) / max(allowed, 1e-12))
     for profile in likeness.profiles:
-        words = (
-            f"{profile.name} over height overlaps by {profile.overlap:.2f} ({LEAST_OVERLAP} wanted)"
+        yield Miss(
+            f"{profile.name} over height overlaps by {profile.overlap:.2f} ({LEAST_OVERLAP} wanted)",
+            (1 - profile.overlap) / (1 - LEAST_OVERLAP),
         )
-        yield Miss(words, (1 - profile.overlap) / (1 - LEAST_OVERLAP))
 
 
 def _soundness(
@@ -357,22 +357,23 @@ def _soundness(
     """
     own_lean, _, own_thicker, low = own
     lean, gap, thicker = np.max([standing_of(tree) for tree in grown], axis=0).tolist()
-    words = f"a trunk leans {np.rad2deg(lean):.0f}° ({np.rad2deg(own_lean):.0f}° in the tree)"
-    yield Miss(words, float((lean - own_lean) / MOST_LEAN))
-    words = f"a branch begins {1000 * gap:.0f} mm off its parent (1 mm allowed)"
-    yield Miss(words, gap / MOST_GAP)
-    words = (
-        f"a branch is {thicker:.1f} times as thick as its parent ({own_thicker:.1f} in the tree)"
+    yield Miss(
+        f"a trunk leans {np.rad2deg(lean):.0f}° ({np.rad2deg(own_lean):.0f}° in the tree)",
+        float((lean - own_lean) / MOST_LEAN),
     )
-    yield Miss(words, (thicker - max(own_thicker, 1.0)) / MOST_THICKER)
+    yield Miss(f"a branch begins {1000 * gap:.0f} mm off its parent (1 mm allowed)", gap / MOST_GAP)
+    yield Miss(
+        f"a branch is {thicker:.1f} times as thick as its parent ({own_thicker:.1f} in the tree)",
+        (thicker - max(own_thicker, 1.0)) / MOST_THICKER,
+    )
     deepest = min(lowest_corner(habit.anatomy, tree, variety) for tree in grown[:MESHED])
     below = min(low, 0.0) * (1 + MOST_DIFFERENCE) - deepest
-    words = (
-        f"a branch reaches {100 * below:.0f} cm into the ground ({100 * MOST_SUNK:.0f} cm allowed)"
+    yield Miss(
+        f"a branch reaches {100 * below:.0f} cm into the ground ({100 * MOST_SUNK:.0f} cm allowed)",
+        below / MOST_SUNK,
     )
-    yield Miss(words, below / MOST_SUNK)
     off = max(float(hold_rings(habit.anatomy, tree)[1].max()) for tree in grown[:MESHED])
-    words = (
-        f"a limb's mesh begins {1000 * off:.0f} mm off its bearer's ({1000 * OFF:.0f} mm allowed)"
+    yield Miss(
+        f"a limb's mesh begins {1000 * off:.0f} mm off its bearer's ({1000 * OFF:.0f} mm allowed)",
+        off / OFF,
     )
-    yield Miss(words, off / OFF)

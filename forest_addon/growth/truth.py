@@ -51,7 +51,6 @@ OTHER_CHILDREN = 4  # of a parent, before a branch, that it may share wood with
 PARENTS_SIBLINGS = 3  # that leave the segment below
 POINTS = 100_000  # of a tree, in all its joints together
 FEWEST, MOST = 32, 4096  # in a segment
-ROUNDED = 1e-6  # of lengths, by which nearest points may be rounded
 EVEN = np.array(
     [0.8191725134, 0.6710436067, 0.5497004779]
 )  # steps of an even sequence (Roberts' R3)
@@ -200,8 +199,7 @@ def _joints(skeleton: Skeleton, length: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _near(skeleton: Skeleton, heads: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(H, C) whether a segment and another, -1 for none, may have a point in common: their boxes overlap, and
-    their axes come as near as their radii, thicker ends everywhere."""
+    """(H, C) whether a segment and another, -1 for none, may have a point in common: their boxes overlap."""
     thick = skeleton.radius.max(axis=1)
     low = np.minimum(skeleton.start, skeleton.end) - thick[:, None]
     high = np.maximum(skeleton.start, skeleton.end) + thick[:, None]
@@ -209,27 +207,7 @@ def _near(skeleton: Skeleton, heads: np.ndarray, others: np.ndarray) -> np.ndarr
     for k in range(3):
         near &= low[heads, k, None] <= high[others, k]
         near &= high[heads, k, None] >= low[others, k]
-    row, column = np.nonzero(near)
-    one, two = heads[row], others[row, column]
-    way, beside = (skeleton.end[which] - skeleton.start[which] for which in (one, two))
-    apart = skeleton.start[one] - skeleton.start[two]
-    # The nearest points of two segments: Ericson 2005, Real-Time Collision Detection, 5.1.9.
-    a, e, b = (_dot(*pair) for pair in ((way, way), (beside, beside), (way, beside)))
-    c, f = _dot(way, apart), _dot(beside, apart)
-    slant = a * e - b * b
-    first = np.divide(b * f - c * e, slant, out=np.zeros(len(a)), where=slant > 1e-12 * a * e)
-    first = np.clip(first, 0.0, 1.0)
-    second = np.divide(b * first + f, e, out=np.zeros(len(a)), where=e > 0)
-    second = np.clip(second, 0.0, 1.0)
-    first = np.clip(np.divide(b * second - c, a, out=np.zeros(len(a)), where=a > 0), 0.0, 1.0)
-    between = apart + first[:, None] * way - second[:, None] * beside
-    reach = thick[one] + thick[two] + ROUNDED * (np.sqrt(a) + np.sqrt(e))
-    near[row, column] = _dot(between, between) <= reach**2
     return near
-
-
-def _dot(one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    return np.asarray(np.einsum("ni,ni->n", one, two))
 
 
 def _shared(

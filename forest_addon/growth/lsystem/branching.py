@@ -75,12 +75,8 @@ def parse(symbols: np.ndarray, dialect: str = "tanveer-2020a") -> tuple[np.ndarr
 
     Raises
     ------
-    ValueError : a bracket closes what was not opened, or a symbol is none of these.
+    ValueError : a bracket closes what was not opened.
     """
-    other = np.flatnonzero(~np.isin(symbols, list(b"dg()[+")))
-    if len(other):
-        symbol = chr(symbols[other[0]])
-        raise ValueError(f"symbol {other[0]}: '{symbol}' is not one of d g ( ) [ +")
     opens, closes = np.isin(symbols, list(_OPENING[dialect])), symbols == ord(")")
     if closes[-1:].any() and closes.sum() > opens.sum():  # the axiom's own closes nothing
         symbols, opens, closes = symbols[:-1], opens[:-1], closes[:-1]

@@ -206,47 +206,24 @@ def lay(
     atlas = np.stack([blade.vertices[:, 0], blade.vertices[:, 1] + 0.5], axis=1)
     atlas = atlas if blade.atlas is None else blade.atlas
     own = np.clip(atlas, 0, 1).astype(np.float32)[blade.triangles].reshape(-1)
-    uv = None
-    if wood is None or wood.uv is not None:
-        uv = np.empty((t + count * facets, 3, 2), dtype=np.float32)
-        uv[t:].reshape(count, 6 * facets)[:] = own
-        uv[:t] = 0 if first.uv is None else first.uv
+    uv = np.empty((t + count * facets, 3, 2), dtype=np.float32)
+    uv[:t] = 0 if first.uv is None else first.uv
+    uv[t:].reshape(count, 6 * facets)[:] = own
     borne = None
-    if order is not None and (wood is None or wood.order is not None):
-        borne = _each(first.order, order, facets)
-    edges = None
-    if wood is None or wood.edges is not None:
-        # Only a Blender mesh needs them; kept, they would be as large as the triangles twice.
-        before = first.known_edges()
-        edges = partial(repeated_edges, blade.triangles, corners, count, before, v)
+    if order is not None:
+        before = np.empty(0, np.int8) if first.order is None else first.order
+        borne = np.concatenate([before, np.repeat(order.astype(np.int8), facets)])
     return TriMesh(
         vertices=vertices,
         triangles=triangles,
-        part=_filled(first.part, LEAF, count * facets),
-        leaf=_each(first.leaf, np.arange(count, dtype=np.int32), facets),
-        material=_filled(first.material, BLADE_SLOT, count * facets),
+        part=np.append(first.part, np.full(count * facets, LEAF, np.int8)),
+        leaf=np.append(first.leaf, np.repeat(np.arange(count, dtype=np.int32), facets)),
+        material=np.append(first.material, np.full(count * facets, BLADE_SLOT, np.int32)),
         uv=uv,
         order=borne,
-        edges=edges,
+        # Only a Blender mesh needs them; kept, they would be as large as the triangles twice.
+        edges=partial(repeated_edges, blade.triangles, corners, count, first.known_edges(), v),
     )
-
-
-def _filled(first: np.ndarray, value: int, count: int) -> np.ndarray:
-    """An array, and so many times a value behind it."""
-    out = np.empty(len(first) + count, dtype=first.dtype)
-    out[: len(first)], out[len(first) :] = first, value
-    return out
-
-
-def _each(first: np.ndarray | None, values: np.ndarray, times: int) -> np.ndarray:
-    """An array, and behind it each of the values (L,) so many times."""
-    start = 0 if first is None else len(first)
-    dtype = np.dtype(np.int8) if first is None else first.dtype
-    out = np.empty(start + len(values) * times, dtype=dtype)
-    if first is not None:
-        out[:start] = first
-    out[start:].reshape(len(values), times)[:] = values[:, None]
-    return out
 
 
 def _place(sites: LeafSites, blade: Blade, out: np.ndarray) -> None:

@@ -283,11 +283,7 @@ def _turned(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
     """Vectors (N, 3), each turned about +Z by the angle with this cosine and sine (N,)."""
     x, y, z = vectors.T
-    turned = np.empty(vectors.shape)
-    np.subtract(cos * x, sin * y, out=turned[:, 0])
-    np.add(sin * x, cos * y, out=turned[:, 1])
-    turned[:, 2] = z
-    return turned
+    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

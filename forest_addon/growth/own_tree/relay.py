@@ -50,7 +50,6 @@ class HungLeaves:
     source: np.ndarray
     branch: np.ndarray
     seat: Seats
-    share: np.ndarray
     size: np.ndarray
     turn: np.ndarray
 
@@ -171,7 +170,7 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     turn = variety * LEAF_TURN * keyed_normal(key, "turn")
     turn = np.where(copy > 0, np.pi * (0.4 + 1.2 * keyed_uniform(key, "turn")), turn)
     size = 1 + variety * LEAF_SIZE * np.clip(keyed_normal(key, "size"), -2, 2)
-    return HungLeaves(row, branch, seat, share, size, turn)
+    return HungLeaves(row, branch, seat, size, turn)
 
 
 def outline_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[Skeleton, Leaves, float]:

@@ -201,6 +201,15 @@ class Window:
         filled = np.cumsum(share, axis=1)[:, :columns]
         return np.asarray(filled.reshape(rows, lines, columns).mean(axis=1))
 
+    def middles(self, shape: tuple[int, int]) -> np.ndarray:
+        """(rows · columns, 2) middles of the cells of the bounding box, the southern row first."""
+        cell = self.extent[::-1] / shape
+        y, x = (
+            low + (np.arange(count) + 0.5) * step
+            for low, count, step in zip(self.low[::-1], shape, cell, strict=True)
+        )
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
     def set_covariance(self, shift: np.ndarray) -> np.ndarray:
         """(N,) area of the window that overlaps with itself moved by shift (N, 2), m².
 
@@ -637,8 +646,7 @@ def _with_another_hill(data: _Data, fit: _Fit) -> Iterator[_Fit]:
     place = np.clip((data.points - unit.low) / cell, 0, [columns - 1, rows - 1]).astype(int)
     number = place[:, 1] * columns + place[:, 0]
     seen = np.bincount(number, minlength=rows * columns).reshape(rows, columns).astype(float)
-    x, y = (unit.low[k] + (np.arange(n) + 0.5) * cell[k] for k, n in enumerate((columns, rows)))
-    middle = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    middle = unit.middles((rows, columns))
     law = _density_of_mixture(fit, unit, middle).reshape(rows, columns) * unit.coverage(
         (rows, columns)
     )

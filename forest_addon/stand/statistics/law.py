@@ -185,12 +185,9 @@ def integrate_by_quadrat(at: At, window: Window, shape: tuple[int, int]) -> np.n
     """(rows, columns) ∫λ over the part of each quadrat that lies in the window, by the midpoint rule."""
     rows, columns = shape
     fine = int(np.ceil(FINE / max(shape)))
-    cell = window.extent / [columns * fine, rows * fine]
-    x = window.low[0] + (np.arange(columns * fine) + 0.5) * cell[0]
-    y = window.low[1] + (np.arange(rows * fine) + 0.5) * cell[1]
-    middle = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     cover = window.coverage((rows * fine, columns * fine))
-    mass = at(middle).reshape(cover.shape) * cover * cell.prod()
+    cell = window.extent / [columns * fine, rows * fine]
+    mass = at(window.middles(cover.shape)).reshape(cover.shape) * cover * cell.prod()
     return np.asarray(mass.reshape(rows, fine, columns, fine).sum(axis=(1, 3)))
 
 
@@ -272,8 +269,7 @@ def region_of(at: At, window: Window) -> Region:
     """The pixels wholly within a window where λ is at least a tenth of its mean over trees."""
     columns, rows = np.maximum(np.ceil(PIXELS * window.extent / window.extent.max()), 4).astype(int)
     cell = window.extent / [columns, rows]
-    x, y = (window.low[k] + (np.arange(n) + 0.5) * cell[k] for k, n in enumerate((columns, rows)))
-    value = at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(rows, columns)
+    value = at(window.middles((rows, columns))).reshape(rows, columns)
     value = value * (window.coverage((rows, columns)) > 1 - 1e-9)
     mean = float((value**2).sum() / max(value.sum(), 1e-300))
     return Region((value > 0) & (value >= SMALLEST * mean), window.low, cell)
