@@ -73,8 +73,17 @@ def some_scene():
 def read_back(sensor, folder):
     scene = some_scene()
     _, unsaid = write_parts(scene, folder, "ex", SURFACES)
-    survey, of_sensor = write_survey(sensor, folder, "ex", SURFACES)
+    way = [pattern_of(sensor).path] if isinstance(sensor, Mobile) else []
+    survey, of_sensor = write_survey(sensor, folder, "ex", SURFACES, *way)
     return scene, read_survey(folder / survey), unsaid, of_sensor
+
+
+def pulses_of(sensor, folder):
+    """All pulses of the first leg of a sensor's survey, and those that the sensor sends."""
+    _, survey, *_ = read_back(sensor, folder)
+    theirs, ours = SurveyLeg(survey, survey.legs[0]), pattern_of(sensor)
+    assert theirs.count == ours.count
+    return [pattern.pulses(np.arange(ours.count)) for pattern in (theirs, ours)]
 
 
 def test_parts_and_materials(tmp_path):
@@ -109,13 +118,11 @@ def test_a_tripod_sends_the_same_pulses_and_finds_the_same_points(tmp_path, azim
         beam=Beam(max_returns=3),
         noise=Noise(range_sd=0.01),
     )
+    one, other = pulses_of(sensor, tmp_path)
     scene, survey, *_ = read_back(sensor, tmp_path)
     assert survey.device.accuracy == 0.01
     (leg,) = survey.legs
-    pattern, ours = SurveyLeg(survey, leg), pattern_of(sensor)
-    assert pattern.count == ours.count
-    every = np.arange(ours.count)
-    one, other = pattern.pulses(every), ours.pulses(every)
+    pattern = SurveyLeg(survey, leg)
     assert one.direction == pytest.approx(other.direction, abs=1e-9)
     assert one.origin == pytest.approx(other.origin, abs=1e-12)
     told = replace(sensor_of_survey(survey, leg, "leg"), noise=Noise())
@@ -172,10 +179,7 @@ def test_cones_and_spinning_heads_send_the_same_pulses(tmp_path, pattern):
     sensor = Airborne(
         position=(3.0, -30.0, 60.0), heading_deg=75.0, track=10.0, speed=20.0, **settings
     )
-    _, survey, *_ = read_back(sensor, tmp_path)
-    pattern, ours = SurveyLeg(survey, survey.legs[0]), pattern_of(sensor)
-    assert pattern.count == ours.count
-    one, other = (p.pulses(np.arange(ours.count)) for p in (pattern, ours))
+    one, other = pulses_of(sensor, tmp_path)
     assert one.direction == pytest.approx(other.direction, abs=1e-9)
     assert np.abs(one.origin - other.origin).max() < 4 * 20.0 / 4000.0 * 1.01  # a column's beams
 
@@ -222,12 +226,7 @@ def test_what_has_no_optics_of_theirs_turns_its_platform(tmp_path, settings):
         position=(3.0, -30.0, 60.0), heading_deg=75.0, track=6.0, speed=20.0, strips=2, spacing=8.0,
         mount_deg=(1.0, 2.0, 3.0), surfaces=SURFACES,
     )  # fmt: skip
-    _, survey, *_ = read_back(sensor, tmp_path)
-    (leg,) = survey.legs
-    theirs, ours = SurveyLeg(survey, leg), pattern_of(sensor)
-    assert theirs.count == ours.count
-    every = np.arange(ours.count)
-    one, other = theirs.pulses(every), ours.pulses(every)
+    one, other = pulses_of(sensor, tmp_path)
     assert one.direction == pytest.approx(other.direction, abs=1e-9)
     assert one.across == pytest.approx(other.across, abs=1e-9)
     assert one.origin == pytest.approx(other.origin, abs=1e-9)
@@ -243,14 +242,9 @@ def test_a_rosette_on_a_vehicle_is_written(tmp_path):
         poses=poses, pattern="rosette", field_deg=(-7.0, 52.0), line_rate=10.0, pulse_rate=4000.0,
         surfaces=SURFACES,
     )  # fmt: skip
-    ours = pattern_of(sensor)
-    write_parts(some_scene(), tmp_path, "ex", SURFACES)
-    path, unsaid = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
-    assert "no rosette" in unsaid[0]
-    survey = read_survey(tmp_path / path)
-    theirs = SurveyLeg(survey, survey.legs[0])
-    assert theirs.count == ours.count == 4000
-    one, other = (p.pulses(np.arange(ours.count)) for p in (theirs, ours))
+    one, other = pulses_of(sensor, tmp_path)
+    assert "no rosette" in read_back(sensor, tmp_path)[-1][0]
+    assert len(one.time) == 4000
     assert one.direction == pytest.approx(other.direction, abs=1e-9)
     assert one.origin == pytest.approx(other.origin, abs=1e-9)
 
@@ -296,11 +290,8 @@ def test_a_vehicle_goes_its_way_with_its_attitudes(tmp_path):
         poses=tuple(poses), pattern="spinning", channels=4, field_deg=(-15.0, 15.0), line_rate=10.0,
         pulse_rate=4000.0, surfaces=SURFACES,
     )  # fmt: skip
-    ours = pattern_of(sensor)
-    write_parts(some_scene(), tmp_path, "ex", SURFACES)
-    path, _ = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
-    survey = read_survey(tmp_path / path)
-    pattern = SurveyLeg(survey, survey.legs[0])
+    _, survey, *_ = read_back(sensor, tmp_path)
+    ours, pattern = pattern_of(sensor), SurveyLeg(survey, survey.legs[0])
     assert abs(pattern.count - ours.count) <= 4
     one, other = (p.pulses(np.arange(ours.count - 4)) for p in (pattern, ours))
     # the beams of a column leave together, a millisecond late, while the vehicle turns by 50 degrees a second

@@ -358,6 +358,7 @@ def _figures(props, name):
 def test_what_is_found_without_a_forest_tells_nothing_of_trees(props, kind, name, told, too):
     _own_scene()
     assert bpy.ops.forest.add_sensor(kind=kind) == {"FINISHED"}
+    bpy.data.objects[name].forest_sensor.terrestrial.angle_step_deg = 6  # quick, where it counts
     assert bpy.ops.forest.run(sensor=name) == {"FINISHED"}
     assert told in _figures(props, name)
     assert (OF_TREES - too).isdisjoint(_figures(props, name))
