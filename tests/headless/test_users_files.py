@@ -35,7 +35,8 @@ from headless.lock import only_one
 from headless.unfinished import kind_of
 
 ROOT = Path(__file__).resolve().parents[2]
-SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
+SMALL_FILE = Path(__file__).with_name("small.toml")
+SMALL = SMALL_FILE.read_text(encoding="utf-8")
 FLIGHT = """
 [forest]
 size = [16.0, 12.0]
@@ -302,8 +303,7 @@ def test_names_that_collide_are_refused_at_once(headless, inputs, tmp_path, kind
 def test_an_empty_out_is_refused(headless, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = headless("run", "demo", "--out", "")
-    assert done.returncode == 2
-    assert "is empty; name a file or folder" in done.stderr
+    assert (done.returncode, "is empty; name a file or folder" in done.stderr) == (2, True)
     assert not list(tmp_path.iterdir())
 
 
@@ -347,8 +347,6 @@ def test_every_process_takes_the_environment_of_a_child():
 
 # ----------------------------------------------------------------------------------------- bad input
 # Bad input ends with one clear sentence and exit code 2; trouble while running keeps what is whole.
-
-BAD_INPUT_SMALL = Path(__file__).with_name("small.toml")
 
 
 def start(*words, **options):
@@ -422,10 +420,6 @@ def test_a_missing_scene_file(tmp_path):
     assert "none.toml: there is no such file" in said
 
 
-def test_a_negative_seed(refused):
-    assert "--seed: -1 is out of range" in refused("run", BAD_INPUT_SMALL, "--seed", "-1")
-
-
 @pytest.mark.parametrize("trouble", ["missing", "not an STL", "cut off"])
 def test_template_files_that_cannot_be_used(refused, tmp_path, trouble):
     wood = tmp_path / "wood.stl"
@@ -441,11 +435,19 @@ def test_template_files_that_cannot_be_used(refused, tmp_path, trouble):
     assert "wood.stl" in said
 
 
-def test_an_output_folder_that_cannot_be_written_to(refused, tmp_path):
-    (tmp_path / "file").write_text("x")
-    said = refused("run", BAD_INPUT_SMALL, "--out", tmp_path / "file" / "o")
-    assert "cannot be written to" in said
-    assert "choose another folder" in said
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("run scene.toml --seed -1", "--seed: -1 is out of range"),
+        ("run scene.toml --out file/o", "cannot be written to"),
+    ],
+)
+def test_words_that_cannot_be_used(refused, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    for name in ("scene.toml", "file"):
+        shutil.copy(SMALL_FILE, name)
+    assert said in refused(*words.split())
+    assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {"file", "scene.toml"}
 
 
 def no_half_written_files(out):
@@ -454,7 +456,7 @@ def no_half_written_files(out):
 
 def without_sensors(tmp_path, output="preview = false\n"):
     """A forest and its files, without pictures: what matters here is how writing ends."""
-    text = BAD_INPUT_SMALL.read_text().split("[[sensors]]")[0]
+    text = SMALL.split("[[sensors]]")[0]
     off = "pictures = false\ngoodness = false\nreport = false\n"
     return scene_with(tmp_path, text + "[output]\n" + off + output)
 

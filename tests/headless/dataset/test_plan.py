@@ -184,9 +184,10 @@ def test_poses_of_a_scanner_on_its_way_are_said_to_be_idle(tmp_path):
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.toml")))
-def test_shipped_plans_can_be_used(name):
+def test_plans_that_are_shipped_can_be_used_and_nothing_in_them_is_idle(name):
+    """Distances of strips, figures of instruments and what is switched off are no slips."""
     plan = read_plan(PLANS / f"{name}.toml", ["count=5"])
-    assert not [one for one in idle_in_plan(plan) if one.startswith("place")]
+    assert idle_in_plan(plan) == []
     assert len({recipe.digest for recipe in recipes(plan)}) == 5
 
 
@@ -201,11 +202,15 @@ kinds = [2, 2]
 
 @pytest.mark.medium
 @pytest.mark.parametrize(
-    "more",
-    ["[splits]\nshare_trees = true\n", "[splits]\ntrain = 1.0\nvalidation = 0.0\ntest = 0.0\n"],
+    ("first", "more"),
+    [
+        ("abop", "[splits]\nshare_trees = true\n"),
+        ("abop", "[splits]\ntrain = 1.0\nvalidation = 0.0\ntest = 0.0\n"),
+        ('maple", "abop', '[splits]\nby = "species"\n'),  # of one split
+    ],
 )
 def test_species_that_know_no_chance_are_refused_where_splits_would_share_their_tree(
-    tmp_path, more
+    tmp_path, first, more
 ):
     path = tmp_path / "plan.toml"
     path.write_text(CHANCELESS)
@@ -213,15 +218,8 @@ def test_species_that_know_no_chance_are_refused_where_splits_would_share_their_
         recipes(read_plan(path))
     assert "plan.toml" in str(problem.value)
     assert "\n" not in str(problem.value)
-    path.write_text(CHANCELESS + more)
+    path.write_text(CHANCELESS.replace("abop", first, 1) + more)
     assert len(recipes(read_plan(path))) == 20
-
-
-def test_a_species_of_one_split_may_know_no_chance(tmp_path):
-    species = '["abop-ternary-a", "apple-stochastic", "maple"]'
-    text = CHANCELESS.replace('["abop-ternary-a", "apple-stochastic"]', species)
-    (tmp_path / "plan.toml").write_text(text + '[splits]\nby = "species"\n')
-    assert len(recipes(read_plan(tmp_path / "plan.toml"))) == 20
 
 
 def test_a_flight_above_its_scanners_range_is_refused(tmp_path):
@@ -247,12 +245,6 @@ height = 80.0
         recipes(read_plan(path, ["count=2"]))
     assert recipes(read_plan(path, ["count=2", "keep.empty=true"]))
     assert recipes(read_plan(path, ["count=2", "place[0].height=50.0"]))
-
-
-@pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.toml")))
-def test_nothing_in_a_plan_that_is_shipped_is_idle(name):
-    """Distances of strips, figures of instruments and what is switched off are no slips."""
-    assert idle_in_plan(read_plan(PLANS / f"{name}.toml")) == []
 
 
 # --------------------------------------------------------------------------------------------- place
