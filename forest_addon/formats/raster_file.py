@@ -39,7 +39,11 @@ from .tree_map import column_of, pairs_of
 MOST_PIXELS = 100_000_000
 MOST_SAMPLES = 16  # of a pixel
 DEEP = 65535.0  # white of all that is deeper than a byte
-WHITE = {"1": 1.0, "L": 255.0, "LA": 255.0, "RGB": 255.0, "RGBA": 255.0}  # by Pillow's modes
+WHITE = {  # by Pillow's modes
+    **dict.fromkeys(("1", "F"), 1.0),
+    **dict.fromkeys(("L", "LA", "RGB", "RGBA"), 255.0),
+    **dict.fromkeys(("I", "I;16", "I;16L", "I;16B", "I;16N"), DEEP),
+}
 PNG = b"\x89PNG"
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WHITE_IS_ZERO, PALETTE = 0, 3  # of TIFF's photometric interpretation
@@ -260,7 +264,7 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
     elif tie is not None:
         raise SpecError(str(path), "lies by ground control points; warp it to a grid (gdalwarp)")
     else:
-        return None
+        return _beside_a_world(path)
     if colour or page.dtype.kind == "c":
         raise SpecError(
             str(path), "is in colour, or of complex numbers; give one band of heights or amounts"
@@ -275,6 +279,17 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
     crs, flat, up = system_of(path, "", keys)
     _refuse_degrees(path, crs, transform)
     return GeoRaster(np.zeros((0, 0)), flat * transform, crs, up), told
+
+
+def _beside_a_world(path: Path) -> tuple[GeoRaster, Any] | None:
+    """The place of a TIFF that a world file beside it says; None without one."""
+    endings = (f"{path.suffix[:2]}fw", f"{path.suffix}w", ".wld")
+    for beside in filter(Path.is_file, map(path.with_suffix, endings)):
+        a, d, b, e, c, f = map(float, beside.read_text("utf-8").replace(",", ".").split())
+        crs, flat, up = _system_beside(path)
+        turn = flat * np.array([[a, b, c - (a + b) / 2], [d, e, f - (d + e) / 2]])
+        return GeoRaster(np.zeros((0, 0)), turn, crs, up), {METADATA: "", NO_DATA: None}
+    return None
 
 
 def _in_degrees(path: Path, transform: np.ndarray) -> SpecError:
@@ -297,21 +312,20 @@ def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, A
     """The first band of stored numbers (H, W, C) with the meaning that GDAL's tags give them."""
     stored = pixels[..., 0]
     values = stored.astype(np.float64)
-    said_nothing = re.search(r"-?\d[\d.]*(e[+-]?\d+)?", str(told[NO_DATA]).replace(",", "."))
-    nothing = float(said_nothing[0]) if said_nothing else np.nan
-    if stored.dtype == np.float32:
-        nothing = float(np.float32(nothing))
-    values[(values == nothing) | np.isin(values, NOTHING) | ~(np.abs(values) < ENDLESS)] = np.nan
+    nothing = re.fullmatch(
+        r"(?i)-?\d*\.?\d+(e[+-]?\d+)?", str(told[NO_DATA]).strip("\0 ").replace(",", ".")
+    )
+    hole = np.isclose(values, float(nothing[0]) if nothing else np.nan, rtol=1e-7, atol=0)
+    values[hole | np.isin(values, NOTHING) | ~(np.abs(values) < ENDLESS)] = np.nan
     said = dict(
         re.findall(r'<Item name="(\w+)"(?![^>]*sample="[1-9])[^>]*>([^<]*)<', str(told[METADATA]))
     )
     values = values * float(said.get("SCALE", 1)) + float(said.get("OFFSET", 0))
-    bands = pixels.shape[2]
     return replace(
         place,
         pixels=values,
         unit=unit_named(said.get("UNITTYPE"), place.unit),
-        note=f"the first of its {bands} bands" if bands > 1 else "",
+        note=f"the first of its {pixels.shape[2]} bands" if pixels.shape[2] > 1 else "",
         shades=stored.dtype.itemsize == 1 and "SCALE" not in said,
     )
 
@@ -346,9 +360,12 @@ def _read_ascii_grid(path: Path) -> GeoRaster:
     crs, flat, up = _system_beside(path)
     place = _north_up(corner[0], corner[1] + rows * size[1], size)
     _refuse_degrees(path, crs, place)
-    told = {METADATA: "", NO_DATA: said.get("nodata_value", -9999.0)}
-    raster = GeoRaster(values, flat * place, crs, up)
-    return _numbers(path, values.reshape(rows, columns, 1), raster, told)
+    return _numbers(
+        path,
+        values.reshape(rows, columns, 1),
+        GeoRaster(values, flat * place, crs, up),
+        {METADATA: "", NO_DATA: said.get("nodata_value", -9999.0)},
+    )
 
 
 def _system_beside(path: Path) -> tuple[str, float, float]:
@@ -531,13 +548,11 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
         pixels = page.asarray(maxworkers=1)
         pixels = np.moveaxis(pixels, 0, -1) if page.axes == "SYX" else pixels
         pixels = pixels.reshape(page.imagelength, page.imagewidth, -1)
-        if raw:
+        if raw or pixels.dtype.kind == "f":
             return pixels, 1.0
         if page.photometric == PALETTE:
             table = page.colormap >> 8  # some write 0xff00 for white
             return table.T[pixels[..., 0]], 255.0
-        if pixels.dtype.kind == "f":
-            return pixels, 1.0
         depth = page.bitspersample
         if page.photometric == WHITE_IS_ZERO and pixels.dtype.kind in "bu":
             pixels = (2**depth - 1) - pixels
@@ -551,8 +566,6 @@ def _read_by_pillow(path: Path) -> tuple[np.ndarray, float]:
         _refuse_large(*image.size, path)
         shown = image.convert("RGB") if image.mode == "P" else image  # of a palette
         mode, pixels = shown.mode, np.asarray(shown)
-    if mode == "F" or mode.startswith("I"):
-        return pixels[..., None], 1.0 if mode == "F" else DEEP
     if mode not in WHITE:
         raise SpecError(str(path), f"has the colour mode {mode}; save it in shades of grey")
     return pixels.reshape(*pixels.shape[:2], -1), WHITE[mode]

@@ -131,6 +131,16 @@ KINDS = {  # how a file is written, and the largest step of its numbers in metre
         )
         for number, turn in enumerate(TURNED)
     },
+    "a world file": (
+        lambda p: (
+            tifffile.imwrite(p, heights(), photometric="minisblack"),
+            p.with_suffix(".tfw").write_text(
+                f"1,0\n0\n0\n-1\n{EAST + 0.5}\n{NORTH + HIGH - 0.5}\n"
+            ),
+            p.with_suffix(".prj").write_text("EPSG:32632"),
+        ),
+        1e-6,
+    ),
     "two bands": (
         lambda p: geotiff(
             p, np.stack([heights(), heights() * 0 + 1]).astype("f4"), planarconfig="separate"
