@@ -11,7 +11,7 @@ from references.tolerances import CASES, Case
 
 # Scenes that were over a tolerance, or told too little, by up to 17 times.
 HARDEST = {
-    "sonar": (79, 649, 728, 843, 1160, 1198, 1429, 302012, 303743, 303979, 305007),
+    "sonar": (79, 649, 728, 843, 1160, 1198, 1429, 302012, 303743, 303979, 305007, 305815, 700681),
     "reverb": (
         2252,
         4010,

@@ -56,7 +56,7 @@ FADING = 2.2  # about e^{-FADING·(ka)^⅓} of S creeps around
 AUDIBLE = 300.0  # over it, from where on that is faint
 LARGEST = 600.0  # ka; beyond, S grows as its root
 FINE = 12_000  # steps up to there of what S at most is
-TABULATED, EXTENDED = 5e-7, 4e-6  # largest error of S relative to it, up to there and beyond
+TABULATED, EXTENDED = 1e-7, 4e-6  # largest error of S relative to it, up to there and beyond
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ def _table(wave: str) -> Cubics:
         return np.asarray(value * (1.0 + size**1.5) / size**2)
 
     first, last = (float(_coordinate(np.array(end))) for end in (1e-6, LARGEST))
-    return Cubics.of(flattened, first, last, 3000)
+    return Cubics.of(flattened, first, last, 6000)
 
 
 @lru_cache(maxsize=1)
