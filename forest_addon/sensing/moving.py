@@ -368,9 +368,13 @@ class CutTrees:
 
     def _placed_in(self, piece: np.ndarray, block: int) -> np.ndarray:
         """(SPAN + 1, P, 3, 4) local to world of pieces (P,), ascending, at the knots of a block."""
-        inner = [np.empty((SPAN + 1, 0, 3, 4))]
-        for rows in self._by_tree(piece):
-            inner.append(self._places(int(self._tree[rows[0]]), block)[:, self._piece[rows]])
+        inner = [
+            np.empty((SPAN + 1, 0, 3, 4)),
+            *(
+                self._places(int(self._tree[rows[0]]), block)[:, self._piece[rows]]
+                for rows in self._by_tree(piece)
+            ),
+        ]
         return joined(self._stands[piece], np.concatenate(inner, axis=1))
 
     def window(self, block: int, bundle: np.ndarray) -> PieceWindow:
@@ -432,7 +436,7 @@ class CutTrees:
         return np.stack([centre - out, centre + out])
 
     def _join_seams(self) -> None:
-        """List the copies of each triangle, which pieces at a seam share.
+        """List the copies of the triangles that pieces at a seam share.
 
         Which of them an engine in float32 meets first may depend on the rays it goes with; in float64 one is
         first.
@@ -440,15 +444,16 @@ class CutTrees:
         size = np.array([len(rows) for rows in self.triangle], dtype=np.int64)
         self._first = np.cumsum(size) - size
         self._whole = np.concatenate([np.empty(0, np.int64), *self.triangle])
-        own = np.arange(len(self._whole)) - np.repeat(self._first, size)  # in its piece
-        self._many, self._begin, self._rank = (np.zeros(len(self._whole), np.int64) for _ in "mbr")
+        self._rank, of = np.zeros(len(size), np.int64), np.repeat(np.arange(len(size)), size)
+        self._many, self._begin = (np.zeros(len(self._whole), np.int64) for _ in "mb")
         copies = [np.empty((2, 0), np.int64)]  # rank of its piece in the tree, and triangle there
         total = 0
         for listed in self._known.values():
+            self._rank[[m for _, m in listed]] = np.arange(len(listed))
             number = np.concatenate([self._first[m] + np.arange(size[m]) for _, m in listed])
-            self._rank[number] = np.repeat(np.arange(len(listed)), [size[m] for _, m in listed])
+            number = number[np.bincount(self._whole[number])[self._whole[number]] > 1]
             order = number[np.argsort(self._whole[number], kind="stable")]
-            copies.append(np.stack([self._rank[order], own[order]]))
+            copies.append(np.stack([self._rank[of[order]], order - self._first[of[order]]]))
             _, begin, many = np.unique(self._whole[order], return_index=True, return_counts=True)
             self._begin[order], self._many[order] = (
                 total + np.repeat(begin, many),
@@ -464,16 +469,17 @@ class CutTrees:
         among them, and these: pieces (M,), ascending of each row, and triangles (M,)."""
         number = self._first[self.mesh[piece]] + triangle
         many = self._many[number]
-        row, which = numbered(np.where(many > 1, many, 0))
+        row, which = numbered(many)
         rank, own = self._copies[:, self._begin[number][row] + which]
-        return row, piece[row] + rank - self._rank[number][row], own
+        return row, piece[row] + rank - self._rank[self.mesh[piece]][row], own
 
 
 def _surfaces(
     scene: SceneGeometry, meshes: tuple[TriMesh, ...], index: np.ndarray
 ) -> SceneGeometry:
-    """A scene with other meshes (I,), of which nothing else is told."""
-    bare = dict.fromkeys(OF_MESHES, ())
+    """A scene with other meshes (I,), of which nothing else is told; those of no instance are left empty."""
+    bare, used = dict.fromkeys(OF_MESHES, ()), {*index.tolist()}
+    meshes = tuple(mesh if n in used else EMPTY for n, mesh in enumerate(meshes))
     return replace(scene, meshes=meshes, mesh_index=index, crowd=(), **bare)  # type: ignore[arg-type]
 
 

@@ -217,6 +217,11 @@ def test_labels_go_with_pieces(parts):
         assert np.array_equal(own.vertices[own.triangles], mesh.vertices[mesh.triangles[rows]])
 
 
+def test_what_stands_still_holds_nothing_of_trees_that_sway():
+    """What sways is in the tables of what moves: once more it would take the memory of all leaves."""
+    assert len(MovingScene(scene(plate()), sway=Lean()).still.table.triangles) == 1  # the wall
+
+
 def test_the_copies_of_a_triangle_at_a_seam_are_known_to_each_other():
     moving = MovingScene(scene(plate()), sway=Lean())
     pieces = moving.pieces
