@@ -459,7 +459,7 @@ ours: its sectors of 10 degrees vary by 3.6 to 4.9 mm, ours by 2.5 to 3.2.
 
 **Chablais 3** is what `lidar --like` writes from the cloud and its table, flown as it was, with the light
 of the instrument that made it, a RIEGL LMS-Q560. Rows agree within 5 points, 0.5 m, or 0.2 of the overlap;
-they are of three seeds; the command flies four. Trees of other species than spruce, fir and beech
+they are of four seeds. Trees of other species than spruce, fir and beech
 stand as beeches; trees below 7.5 cm are in no table. Of the cloud itself two things of the receiver are
 read: its threshold, 0.17 at 1,500 m, from its faintest echoes, and its pulse. Gaps between echoes of a
 pulse in the canopy are 1.2 times as long as with the 4 ns that are sent: 1, 5, 25 and 50 % are below 0.68,
@@ -502,7 +502,8 @@ the changes that are named), light by what the ground returns alone.
 
 Variants matter: with six a species, each in the size of its trees' diameters, beeches have crowns of 0.29
 m² a square metre where their targets said 0.45, heights are up to 3 m amiss, and cover was 10 points lower.
-A species of a twin has up to twenty variants.
+A species of a twin has up to twenty variants. Which trees they are of is drawn: of the four twins one (seed
+4) has first returns 1.9 m higher in the median than the others, an overlap of 0.83 and fewer trees found.
 
 **Waveforms.** The 500 lie on one transect of 60 x 3 m, so ours are transects of that size. Echoes of the
 digitiser are never as narrow as what it sends: Gaussians fitted to sent pulses have a standard deviation
