@@ -13,7 +13,7 @@ from forest_addon.base.trimesh import DEAD, LEAF
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Wanted, dbh_of, width_of
-from forest_addon.growth.measured.curves import TAPER, TIGHT, curved
+from forest_addon.growth.measured.curves import TIGHT, curved
 from forest_addon.growth.measured.meet import grow_crown
 from forest_addon.growth.mesh.blades import shoot_of
 from forest_addon.growth.mesh.meshing import mesh_wood
@@ -323,7 +323,7 @@ def test_trees_of_rules_are_curved_only_where_the_species_asks():
 
 
 def test_a_limb_has_no_shoulder_where_it_loses_a_branch():
-    """The stem of 20 cm goes on with 12 cm: it narrows by TAPER a metre at most, and never below its own."""
+    """The stem of 20 cm goes on with 12 cm: it narrows by 0.22 a metre at most, and never below its own."""
     points = np.linspace([0, 0, 0.0], [0, 0, 3.0], 31)
     own = np.where(points[:, 2] < 1.05, 0.1, 0.06)
     stem = Skeleton(
@@ -337,7 +337,7 @@ def test_a_limb_has_no_shoulder_where_it_loses_a_branch():
     wood, _ = curved(stem, LeafSites.none())
     fall = wood.radius[:, 0] - wood.radius[:, 1]
     length = np.linalg.norm(wood.end - wood.start, axis=1)
-    assert (fall / length).max() <= TAPER + 1e-9
+    assert (fall / length).max() <= 0.22 + 1e-9
     assert wood.radius[0, 0] == 0.1
     assert wood.radius[-1, 1] == pytest.approx(0.06)
     assert (wood.radius.min(axis=1) >= 0.06 - 1e-12).all()

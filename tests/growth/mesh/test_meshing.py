@@ -12,7 +12,7 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh
 from forest_addon.growth.library import find_species, load_species
-from forest_addon.growth.mesh.meshing import Relief, mesh_wood, sides_for, sides_of
+from forest_addon.growth.mesh.meshing import Relief, mesh_wood, sides_for, sides_of, tube
 from forest_addon.growth.mesh.stand_in import LEVELS, level_for, stand_in
 from forest_addon.growth.skeleton import Skeleton, find_axes, first_level
 from forest_addon.growth.tree import grow, with_tolerance
@@ -112,6 +112,12 @@ def test_cylinder_has_the_area_and_volume_of_its_prism():
     assert (mesh.part == WOOD).all()
     assert (mesh.leaf == -1).all()
     assert (mesh.order == 0).all()
+
+
+def test_rings_of_a_plain_tube_are_as_long_as_their_circle():
+    ring = tube(np.array([[0, 0, 0], [0, 0, 1.0]]), np.full(2, 0.2), 7)[0][:7]
+    sides = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
+    assert sides.sum() == pytest.approx(2 * np.pi * 0.2)
 
 
 @pytest.mark.parametrize("tolerance", [0.005, 0.0002])
