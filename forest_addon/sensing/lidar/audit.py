@@ -124,7 +124,7 @@ def parts_of_drive(
             nearest = again.cast(*rays, tractor.max_range).distance.reshape(len(beam), -1)
             some, nearest = returns.select(beam), nearest.min(axis=1)
             ours = some.select(np.repeat(np.arange(len(beam)), len(rays[0]) // len(beam)))
-            there = float64.meets(*rays, _named(true, ours))
+            there = float64.meets(*rays, _named(true, ours), exact.edge)
             at_it = shares(there, ours.distance, 1.0) <= exact.edge
             cosine = np.abs(cosines(ours.normal, rays[1]) - ours.cos_incidence)
             cosine = np.where(at_it, cosine, np.inf).reshape(len(beam), -1).min(axis=1)

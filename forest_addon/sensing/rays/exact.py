@@ -56,8 +56,11 @@ class ExactCaster(RayCaster):
             put_nearest(hits, first + ray, met)
         return replace(hits, normal=hit_normals(self.scene, replace(hits, normal=None)))
 
-    def meets(self, origins: np.ndarray, directions: np.ndarray, hits: Hits) -> np.ndarray:
-        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
+    def meets(
+        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, edge: float = 0.0
+    ) -> np.ndarray:
+        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by, farther
+        than ``edge``, m."""
         ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         distance = np.full(len(origins), np.inf)
         named = np.flatnonzero(hits.found)
@@ -66,7 +69,7 @@ class ExactCaster(RayCaster):
             rows = named[mesh_of == index]
             start, way = self._local(origins[rows], ways[rows], hits.instance[rows])
             corners = _corners(self.scene.meshes[index], hits.triangle[rows])
-            distance[rows] = meet(corners, start, way)
+            distance[rows] = meet(corners, start, way, edge)
         return distance
 
     def _local(
@@ -186,8 +189,11 @@ def _corners(mesh: TriMesh, triangle: np.ndarray | slice) -> tuple[np.ndarray, .
     return tuple(mesh.vertices[mesh.triangles[triangle, k]] for k in range(3))
 
 
-def meet(corners: tuple[np.ndarray, ...], origin: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """(K,) metres along rays (K, 3), (K, 3) to triangles of three corners (K, 3); inf for a miss."""
+def meet(
+    corners: tuple[np.ndarray, ...], origin: np.ndarray, way: np.ndarray, edge: float = 0.0
+) -> np.ndarray:
+    """(K,) metres along rays (K, 3), (K, 3) to triangles of three corners (K, 3); inf for a miss by more than
+    ``edge``, in metres across the ray."""
     a, b, c = corners
     u, v, s = b - a, c - a, origin - a
     with np.errstate(all="ignore"):
@@ -197,7 +203,11 @@ def meet(corners: tuple[np.ndarray, ...], origin: np.ndarray, way: np.ndarray) -
         q = np.cross(s, u)
         second = np.einsum("ki,ki->k", q, way) / determinant
         t = np.einsum("ki,ki->k", v, q) / determinant
-        inside = (first >= -EDGE) & (second >= -EDGE) & (first + second <= 1 + EDGE)
+        slack = EDGE
+        if edge:
+            longest = np.linalg.norm([u, v, c - b], axis=2).max(axis=0)
+            slack = EDGE + edge * (way**2).sum(axis=1) * longest / np.abs(determinant)
+        inside = (first >= -slack) & (second >= -slack) & (first + second <= 1 + slack)
     return np.where(inside & (t >= 0), t, np.inf)
 
 
