@@ -59,7 +59,7 @@ class ExactCaster(RayCaster):
     def meets(
         self, origins: np.ndarray, directions: np.ndarray, hits: Hits, edge: float = 0.0
     ) -> np.ndarray:
-        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by, farther
+        """(R,) metres along rays to the triangles that hits name; inf where one passes it by, more
         than ``edge``, m."""
         ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         distance = np.full(len(origins), np.inf)

@@ -140,7 +140,7 @@ def test_a_drive_along_the_lines_of_a_grid_of_ground_is_right():
     ticks = np.linspace(-4.9, 17.1, 111).astype(np.float32).astype(float)
     places = np.stack([*np.meshgrid(ticks, ticks), np.zeros((111, 111))], axis=-1).reshape(-1, 3)
     corner = (np.arange(110)[:, None] * 111 + np.arange(110)).ravel()[:, None]
-    cells = np.concatenate([corner + (0, 1, 112), corner + (0, 112, 111)])
+    cells = np.concatenate([corner + np.array(way) for way in ((0, 1, 112), (0, 112, 111))])
     ground = TriMesh.of_part(places, cells, LEAF)
     one = replace(scene_with(ground), transform=np.eye(4)[None, :3])
     drives = Tractor(position=(-3.0, 0.1, 1.3), track=5.0, gap=199)
