@@ -105,7 +105,7 @@ BUDGETS = {
     "forest_addon/growth": (7838, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1204, 17),
-    "forest_addon/sensing": (12620, 94),
+    "forest_addon/sensing": (12624, 94),
     "forest_addon/spec": (1329, 11),
     "forest_addon/stand": (3568, 15),
     "forest_addon/ui": (5459, 38),
