@@ -38,15 +38,12 @@ def test_every_format_of_a_result_has_its_words():
 
 @pytest.mark.medium
 def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
-    run("cloud")
     built.offset = "[1000, 2000, 0]"
     run("cloud")
-    for ending in ("laz", "las", "ply", "npz", "csv"):
-        path = tmp_path / f"mine.{ending}"
-        assert press("export_result", result="cloud", filepath=str(path)) == {"FINISHED"}
-        assert path.stat().st_size > 100
+    path = str(tmp_path / "mine.laz")
+    assert press("export_result", result="cloud", filepath=path) == {"FINISHED"}
     points = bpy.data.objects[built.results["cloud"].shown]
-    las = laspy.read(tmp_path / "mine.laz")
+    las = laspy.read(path)
     assert len(las) == len(points.data.vertices)
     assert float(las.x.min()) > 900
     with pytest.raises(RuntimeError, match=r"use \.laz"):
@@ -59,14 +56,6 @@ def test_what_is_too_large_to_be_kept_says_so(built, tmp_path, monkeypatch):
     run("echo")
     with pytest.raises(RuntimeError, match="Run its sensor again"):
         press("export_result", result="echo", filepath=str(tmp_path / "mine.wav"))
-
-
-@pytest.mark.medium
-def test_points_have_a_radius(built):
-    run("cloud")
-    points = bpy.data.objects[built.results["cloud"].shown]
-    assert has_input(points.modifiers[0], RADIUS)
-    assert points.modifiers[0].node_group.name.startswith(GROUP)
 
 
 @pytest.mark.medium
@@ -493,6 +482,8 @@ def test_points_are_shown_and_selected_on_request(built):
     assert bpy.context.view_layer.objects.active == cloud
     assert len(cloud.data.vertices) == int(facts(built, "cloud")["Points"].replace(",", ""))
     assert {"tree", "organ", "distance"} <= set(cloud.data.attributes.keys())
+    assert has_input(cloud.modifiers[0], RADIUS)
+    assert cloud.modifiers[0].node_group.name.startswith(GROUP)
 
 
 @pytest.mark.medium
