@@ -85,20 +85,24 @@ def test_the_panel_exports_for_other_programs(built, tmp_path):
 @pytest.mark.slow
 def test_without_a_window_the_exported_scene_gives_the_same_bytes(built, tmp_path):
     """The panel's scene and the one of a file are the same thing: every result, bit for bit."""
-    built.output = str(tmp_path / "panel")
+    panel = tmp_path / "new" / "panel"
+    built.output = str(panel)
     assert press("run") == {"FINISHED"}
+    told = {result.name: result.file for result in built.results if result.kind != "forest"}
+    names = {"scan": "scan.npz", "cloud": "cloud.laz", "echo": "echo.npz", "reverb": "reverb.wav"}
+    assert told == {name: str(panel / file) for name, file in names.items()}
     path = tmp_path / "mine.toml"
     press("save_scene", filepath=str(path))
     path.write_text(path.read_text() + BARE)
     out = tmp_path / "headless"
     assert main(["run", str(path), "--out", str(out), "--quiet"]) == 0
-    results = sorted(file.name for file in (tmp_path / "panel").glob("[!.]*"))
+    results = sorted(file.name for file in panel.glob("[!.]*"))
     assert len(results) == 6
     for name in results:
-        ours, theirs = ((tmp_path / where / name).read_bytes() for where in ("panel", "headless"))
+        ours, theirs = ((where / name).read_bytes() for where in (panel, out))
         if name.endswith(".npz"):  # an archive also holds when it was written
-            ours, theirs = ({k: v.tobytes() for k, v in np.load(tmp_path / where / name).items()}
-                            for where in ("panel", "headless"))  # fmt: skip
+            ours, theirs = ({k: v.tobytes() for k, v in np.load(where / name).items()}
+                            for where in (panel, out))  # fmt: skip
         assert ours == theirs, name
 
 

@@ -12,6 +12,7 @@ from references.animation import curves_of
 from ui.pressing import (
     add_cube,
     clouds,
+    counts,
     facts,
     press,
     run,
@@ -264,16 +265,9 @@ def test_the_last_run_alone_is_kept(moving):
 
 
 @pytest.mark.medium
-def test_removing_a_result_removes_its_frames(moving):
-    before = len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.images)
-    run("cloud", frames="RANGE", keep=True)
-    press("remove_result", result="cloud")
-    assert (len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.images)) == before
-
-
-@pytest.mark.medium
-def test_a_kept_frame_costs_little_beside_its_points(moving):
+def test_a_kept_frame_costs_little_beside_its_points_and_goes_with_its_result(moving):
     """The pixels of a picture, 3 MB, are in memory only while they are looked at."""
+    before = counts()
     run("cloud", frames="RANGE", keep=True)
     pictures = [each.picture for each in moving.results["cloud"].frames]
     assert len(set(pictures)) == 3
@@ -282,6 +276,9 @@ def test_a_kept_frame_costs_little_beside_its_points(moving):
     pixels = np.array(pictures[0].pixels[:])
     assert 0.01 < pixels.mean() < 0.99
     assert len(pixels) == 4 * np.prod(pictures[0].size)
+    press("remove_result", result="cloud")
+    kinds = ("objects", "meshes", "images")
+    assert [counts()[kind] for kind in kinds] == [before[kind] for kind in kinds]
 
 
 # ----------------------------------------------------------------------------------------- one state

@@ -435,14 +435,6 @@ def test_cycles_renders_points_where_that_is_asked_for(props, sensor, tmp_path):
     assert covered[1] > 0.1
 
 
-@pytest.mark.slow
-def test_there_is_one_object_a_sensor(built):
-    for _ in range(2):
-        run("cloud")
-        run("echo")
-    assert len([obj for obj in bpy.data.objects if CLOUD_KEY in obj]) == 2
-
-
 @pytest.mark.medium
 def test_the_legend_follows_the_scale_of_colours(built):
     run("cloud")

@@ -48,17 +48,6 @@ def test_points_of_both_lidars_lie_on_the_same_things(built):
         assert place[ground != 3, 2].min() > -0.05
 
 
-@pytest.mark.medium
-def test_sensors_run_in_a_scene_of_the_users_own(props, sensor):
-    add_cube()
-    sensor("terrestrial", angle_step_deg=6)
-    sensor("tractor", step=5)
-    sensor("sonar")
-    sensor("reverb")
-    assert press("run") == {"FINISHED"}
-    assert len(props.results) == 4
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "key", "value", "words"),
@@ -145,16 +134,6 @@ def test_a_sensor_follows_the_frames(built, tmp_path):
     assert scene.frame_current == 2
     records = [np.load(file)["impulse_response"] for file in written]
     assert len({record.tobytes() for record in records}) == 3
-
-
-@pytest.mark.medium
-def test_results_are_saved_where_the_user_says(built, tmp_path):
-    built.output = str(tmp_path / "new" / "folder")
-    press("run")
-    for name, ending in (("scan", "npz"), ("cloud", "laz"), ("echo", "npz"), ("reverb", "wav")):
-        written = tmp_path / "new" / "folder" / f"{name}.{ending}"
-        assert written.stat().st_size > 0
-        assert built.results[name].file == str(written)
 
 
 @pytest.mark.slow
