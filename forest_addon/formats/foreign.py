@@ -320,4 +320,5 @@ def _sentence(problem: Exception, what: str) -> str:
     why = " ".join(shown[:LONGEST].split()).rstrip(".") or type(problem).__name__
     if isinstance(problem, NameError | KeyError):  # of a reader that met no head
         why = "its head is broken" if isinstance(problem, NameError) else f"it has no {why}"
+    why = "its points lie on one line" if why.startswith("QH") else why  # Qhull's words
     return f"cannot be read as {what} ({why}); save it again"

@@ -530,7 +530,7 @@ def _features(path: Path, features: Sequence[tuple[Any, Mapping[str, Any]]], crs
                 str(path),
                 f"has a {geometry['type']}; give trees as points, each its own, or crowns as polygons",
             )
-        place = _shape(geometry) if there else {}
+        place = _shape(geometry) if there and there != [[]] else {}
         told.append(place | {k: cell for k, cell in properties.items() if k.lower() not in place})
     head = list(dict.fromkeys(["x", "y", *chain.from_iterable(told)]))
     cells = [["" if one.get(name) is None else str(one[name]) for name in head] for one in told]

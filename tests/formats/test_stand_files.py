@@ -367,6 +367,8 @@ def test_other_words_of_a_status_are_said_to_be_living(tmp_path):
         ("t.xls", "x,y\n1,2\n", "a kind of table that is not read"),
         ("t.json", "{}", "cannot be read as a table of trees"),
         ("t.json", '{"type": "Topology"}', "it has no 'geometry'"),
+        ("t.json", '{"features": [{"geometry": {"type": "Polygon", "coordinates": [[[0, 0], [1, 1], [2, 2], '
+         '[0, 0]]]}, "properties": null}]}', "its points lie on one line"),
         ("t.mat", "MATLAB 5.0", "a kind of table that is not read, .mat"),
         ("t.json", '{"features": [{"geometry": {"type": "MultiPoint", "coordinates": [[1, 2], [3, 4]]}, '
          '"properties": null}]}', "has a MultiPoint; give trees as points, each its own"),
