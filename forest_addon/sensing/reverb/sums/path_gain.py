@@ -203,7 +203,7 @@ DECAYS = 16.0  # of the slowest relaxation, after which it has
 ORDERS = 64  # of the series, at most
 SEEN = 32  # every so many frequencies tell how many are needed
 FADE = 256  # samples over which a block gives way to the next: a cut would sound at all frequencies
-BLOCKS_AT_ONCE = 16
+BLOCKS_AT_ONCE = 8
 ROUNDS = 1
 
 
@@ -251,8 +251,7 @@ class AirFilter:
         rows = samples.reshape(-1, samples.shape[-1])
         hop, tail, size = self._hop, self._tail, self._size
         count = -(-(rows.shape[1] + FADE) // hop)
-        padded = np.zeros((len(rows), (count - 1) * hop + self._block))
-        padded[:, FADE : FADE + rows.shape[1]] = rows
+        padded = np.pad(rows, ((0, 0), (FADE, count * hop - rows.shape[1])))
         total = np.zeros((len(rows), padded.shape[1] + 2 * tail))
         several = max(1, BLOCKS_AT_ONCE // len(rows))
         for start in range(0, count, several):
@@ -260,8 +259,10 @@ class AirFilter:
             cut = np.array([padded[:, hop * n : hop * n + self._block] for n in numbers])
             middle = first - FADE + np.array(numbers) * hop + 0.5 * self._block - 0.5
             spectrum = np.zeros((*cut.shape[:2], size // 2 + 1), np.complex128)
+            shaped = np.zeros((*cut.shape[:2], size))  # once: new memory costs more than transforms
             for shape, gain in zip(self._shapes, self._gains, strict=True):
-                part = fft.rfft(cut * shape, size)
+                np.multiply(cut, shape, out=shaped[..., : self._block])
+                part = fft.rfft(shaped)
                 part *= gain
                 spectrum += part
             spectrum *= np.exp(-np.outer(middle * self.step, self._loss))[:, None]
@@ -270,8 +271,7 @@ class AirFilter:
                 here = total[:, number * hop : number * hop + size]
                 here[:, :tail] += part[:, -tail:]
                 here[:, tail:] += part[:, :-tail]
-        kept = total[:, tail + FADE : tail + FADE + rows.shape[1]]
-        return kept.reshape(samples.shape)
+        return total[:, tail + FADE : tail + FADE + rows.shape[1]].reshape(samples.shape)
 
     def undone(self, filters: np.ndarray, lead: int) -> np.ndarray:
         """Filters (R, T) that become the given ones when the air is applied from -lead on.
