@@ -464,7 +464,7 @@ def depths(mesh: TriMesh, distance: float, spread: int = 9) -> np.ndarray:
 @pytest.mark.parametrize(("facing", "g"), [(True, 1.0), (False, 0.5)])
 def test_optical_depth_is_projected_leaf_area_on_the_way(facing: bool, g: float) -> None:
     """τ = G·u·s: 1 for leaves face-on, ½ for leaves any way round; within four standard errors."""
-    count, side = 1200, 0.0645
+    count, side = 2000, 0.05
     density = count * side**2 / 1.2**2  # leaf area over the area of the box, along x
     found = depths(haze(count, side, facing=facing), 4.0, spread=7)
     error = 4 * math.sqrt(g * density / (49 * 16 / 4))
