@@ -563,7 +563,7 @@ def _read_by_pillow(path: Path) -> tuple[np.ndarray, float]:
     from PIL import Image
 
     with Image.open(path) as image:
-        _refuse_large(*image.size, path)
+        _refuse_large(image.width, image.height, path)
         shown = image.convert("RGB") if image.mode == "P" else image  # of a palette
         mode, pixels = shown.mode, np.asarray(shown)
     if mode not in WHITE:
