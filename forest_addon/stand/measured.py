@@ -492,7 +492,7 @@ def targets_met(
     table: Mapping[str, Sequence[object]],
     species: np.ndarray,
     labels: Sequence[str],
-    wanted: np.ndarray | None,
+    wanted: np.ndarray,
     laws: Sequence[Allometry | None],
     missed: Sequence[tuple[str, ...]],
 ) -> list[TargetsMet]:
@@ -501,14 +501,12 @@ def targets_met(
     table : of the trees (``tree_table``). species : (N,) plantings. missed : of each tree what its growth
     could not do.
     """
-    if wanted is None:
-        return []
     found, met = found_in(table), []
     for number, label in enumerate(labels):
         rows = np.flatnonzero((species == number) & np.isfinite(wanted).any(axis=1))
         if not len(rows):
             continue
-        law = laws[number] if number < len(laws) else None
+        law = laws[number]
         within = None if law is None else in_band(law, found[rows])
         told = Counter(reason for row in rows.tolist() for reason in missed[row])
         of = len(rows)

@@ -488,20 +488,14 @@ def repeated_edges(
     ends = np.stack(np.divmod(keys, base), axis=1).reshape(-1).astype(np.int32)
     before = np.empty((0, 2), np.int32) if first is None else first.ends
     turns = np.empty((0, 3), np.int32) if first is None else first.of_corner
+    index = index.reshape(-1).astype(np.int32)
     copy = np.arange(times, dtype=np.int32)[:, None]
+    own_ends = (ends + (vertex + corners * copy)).reshape(-1, 2)
+    own_turns = (index + (len(before) + len(keys) * copy)).reshape(-1, 3)
     return Edges(
-        _behind(before, ends, vertex + corners * copy),
-        _behind(turns, index.reshape(-1).astype(np.int32), len(before) + len(keys) * copy),
+        np.concatenate([before, own_ends], dtype=np.int32),
+        np.concatenate([turns, own_turns], dtype=np.int32),
     )
-
-
-def _behind(first: np.ndarray, pattern: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Rows (N, C), and behind them a flat pattern of such rows once for each shift (L, 1)."""
-    wide = first.shape[1]
-    out = np.empty((len(first) + len(shift) * len(pattern) // wide, wide), dtype=np.int32)
-    out[: len(first)] = first
-    np.add(pattern, shift, out=out[len(first) :].reshape(len(shift), len(pattern)))
-    return out
 
 
 def sides_for(radius: float, tolerance: float) -> int:

@@ -44,7 +44,7 @@ ALIKE_SHARE = 0.15  # of the parent
 ALIKE_SLOPE = np.deg2rad(35.0)
 MOST_ALIKE = 4  # members of a class
 KERNEL = 0.12  # of the parent's length: how far a table looks
-PLACES = 33  # of a table
+PLACES = np.linspace(0.0, 1.0, 33)  # of a table, along the parent from foot to tip
 MOST_CHANCE = 0.25
 BY_CHANCE = 0.25  # of what pieces are off the means; the rest comes with the pieces themselves
 MOST_LENGTH_SPREAD, MOST_ANGLE_SPREAD = 0.1, np.deg2rad(4.0)
@@ -54,15 +54,13 @@ MOST_UNEVEN = 0.1  # relative spread of the number of branches of an order, by c
 
 @dataclass(frozen=True)
 class Table:
-    """Means over the position along the parent, for pieces of one order.
+    """Means at ``PLACES`` along the parent, for pieces of one order.
 
-    share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over its parent's.
-    angle : (P,) radians.
+    length : (P,) of a child over its parent's. angle : (P,) radians.
     length_spread, angle_spread : what is added by chance, relative and radians: a share of what pieces
         are off these means.
     """
 
-    share: np.ndarray
     length: np.ndarray
     angle: np.ndarray
     length_spread: float
@@ -251,8 +249,7 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
     of_order = np.flatnonzero(anatomy.order == order)
     parent = anatomy.parent[of_order]
     reach = anatomy.lines.reach()
-    place = np.linspace(0.0, 1.0, PLACES)
-    d = share[of_order] - place[:, None]  # weights (P, N) of a local linear regression
+    d = share[of_order] - PLACES[:, None]  # weights (P, N) of a local linear regression
     weight = np.exp(-((d / KERNEL) ** 2) / 2) + 1e-9
     s0, s1, s2 = weight.sum(1), (weight * d).sum(1), (weight * d * d).sum(1)
     ridge = s2 + 0.05 * KERNEL**2 * s0  # where all lie on one side the slope is held back
@@ -261,11 +258,10 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
     length = np.log(np.maximum(reach[of_order] / reach[parent], 1e-9))
     means = smooth @ length, smooth @ anatomy.angle[of_order]
     off = [
-        float((values - np.interp(share[of_order], place, mean)).std())
+        float((values - np.interp(share[of_order], PLACES, mean)).std())
         for values, mean in zip((length, anatomy.angle[of_order]), means, strict=True)
     ]
     return Table(
-        share=place,
         length=np.exp(means[0]),
         angle=np.clip(means[1], 0.0, np.pi),
         length_spread=min(BY_CHANCE * off[0], MOST_LENGTH_SPREAD),

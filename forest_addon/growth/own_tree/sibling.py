@@ -32,7 +32,7 @@ from ...base.vectors import zenith_of
 from ...spec import Siblings
 from ..draw import GOLDEN
 from .anatomy import GROUND
-from .habit import CHILDREN, Habit, Size, radius_at_seat, size_of, trunk_girth
+from .habit import CHILDREN, PLACES, Habit, Size, radius_at_seat, size_of, trunk_girth
 from .lines import Lines, foot_frames, lay, seat_at, sloped, stand_on, walk
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves
@@ -377,7 +377,7 @@ def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int
         return None
     piece, table = _class_mates(habit, slot, key, variety), habit.tables[order - 1]
     own = habit.share[piece]
-    trend = np.interp(there, table.share, table.length) / np.interp(own, table.share, table.length)
+    trend = np.interp(there, PLACES, table.length) / np.interp(own, PLACES, table.length)
     scale = np.clip(trend, 1 / MOST_SCALE, MOST_SCALE)
     scale = scale * np.exp(variety * table.length_spread * keyed_normal(key, "length"))
     scale = scale * (size.crown if order == 1 else below.scale[owner] ** CHILD_LENGTH)
@@ -389,8 +389,8 @@ def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int
     seat.stretch[moved], seat.part[moved] = seat_at(anatomy.lines, bearer, share[moved])
     place, frame, thickness = stand_on(below.lines, owner, seat)
     bearing = below.sign[owner] * azimuth
-    angle = anatomy.angle[piece] + np.interp(there, table.share, table.angle)
-    angle = angle - np.interp(own, table.share, table.angle)
+    angle = anatomy.angle[piece] + np.interp(there, PLACES, table.angle)
+    angle = angle - np.interp(own, PLACES, table.angle)
     angle = angle + variety * table.angle_spread * keyed_normal(key, "angle")
     roll = below.sign[owner] * anatomy.roll[piece]
     start = foot_frames(frame, bearing, np.clip(angle, 0.0, np.pi), roll, anatomy.carried[piece])

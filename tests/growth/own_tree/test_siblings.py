@@ -34,7 +34,7 @@ from forest_addon.growth.lsystem.turtle import ABOP, read_commands
 from forest_addon.growth.lsystem.turtle import walk as walk_turtle
 from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.own_tree.anatomy import OFF, Anatomy, dissect
-from forest_addon.growth.own_tree.habit import fit
+from forest_addon.growth.own_tree.habit import PLACES, fit
 from forest_addon.growth.own_tree.lines import lay, stand_on, walk
 from forest_addon.growth.own_tree.recognise import Recognition, recognise
 from forest_addon.growth.own_tree.relay import (
@@ -183,7 +183,7 @@ def test_a_younger_tree_is_smaller_everywhere_with_shoots_as_thin():
 def test_tables_say_how_a_cone_is_made():
     """In the whorled tree branches shorten evenly to 0.19 of the lowest; insertion falls from 80°."""
     table = own_tree("whorled").habit.tables[0]
-    low, high = np.interp([0.25, 0.85], table.share, table.length)
+    low, high = np.interp([0.25, 0.85], PLACES, table.length)
     reach = own_tree("whorled").anatomy.lines.reach().max()
     wood = sibling("whorled", 0, variety=0.0).skeleton
     first, axis = axes_of(wood)
@@ -194,7 +194,7 @@ def test_tables_say_how_a_cone_is_made():
     assert low == pytest.approx(length[mine][near[0]].mean() / reach, rel=0.1)
     assert high == pytest.approx(length[mine][near[1]].mean() / reach, rel=0.1)
     angle = np.rad2deg(insertion_angles(wood)[mine])
-    found = np.rad2deg(np.interp(0.25, table.share, table.angle))
+    found = np.rad2deg(np.interp(0.25, PLACES, table.angle))
     assert found == pytest.approx(angle[near[0]].mean(), abs=3)
 
 
