@@ -360,7 +360,7 @@ for scene in map(Path, sys.argv[1:]):
     watch.use_tool_id(watch.PROFILER_ID, "flow")
     watch.register_callback(watch.PROFILER_ID, watch.events.PY_START, begun)
     watch.set_events(watch.PROFILER_ID, watch.events.PY_START)
-    main(["run", str(scene), "--out", str(scene.with_suffix(""))])
+    assert main(["run", str(scene), "--out", str(scene.with_suffix(""))]) == 0
     watch.set_events(watch.PROFILER_ID, 0)
     print("FLOW", scene.stem, len(seen), len({file for file, _ in seen}), flush=True)
     os._exit(0)

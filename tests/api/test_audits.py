@@ -64,7 +64,7 @@ EAR = BAT.changed(
     ),
 )
 CLAP = Reverb(
-    name="clap", source=(2, 2, 1.5), receiver=(9, 9, 1.5), sample_rate=16000, tolerance=1e-3,
+    name="clap", source=(2, 2, 1.5), receiver=(9, 9, 1.5), sample_rate=8000, tolerance=1e-3,
     duration=0.2, continue_to=40.0, model="paper",
 )  # fmt: skip
 STAND = CLAP.changed(name="stand", model="forest", continue_to=20.0)
