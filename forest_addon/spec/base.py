@@ -325,7 +325,8 @@ class _Signature:
                     annotation=field.type,
                 )
                 for field in dataclasses.fields(cls)  # type: ignore[arg-type]
-            ]
+            ],
+            return_annotation=None,
         )
 
 

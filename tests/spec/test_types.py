@@ -380,3 +380,8 @@ def test_shipped_files_of_an_earlier_release_are_found(tmp_path):
             found = scene_file(old)
             assert found == ASSETS / "scenes" / f"{now}.toml"
             assert found.is_file()
+
+
+def test_python_shows_what_settings_take():
+    shown = str(inspect.signature(spec.Clearing))
+    assert shown == "(*, position: 'tuple[float, float]', radius: 'float' = 0.01) -> None"

@@ -326,13 +326,13 @@ def test_mothers_and_roles_of_the_second_iteration():
     ]
 
 
-@pytest.mark.parametrize("text", ["d)g", "d(g))g", "dx", "d(g"])
+@pytest.mark.parametrize("text", ["d)g", "d(g))g", "d(g"])
 def test_symbols_that_are_of_no_string(text):
     codes = np.frombuffer(text.encode(), np.uint8)
     if text == "d(g":  # an unclosed branch is harmless
         assert parse(codes)[0].tolist() == [-1, 0]
         return
-    with pytest.raises(ValueError, match=r"symbol|bracket"):
+    with pytest.raises(ValueError, match="bracket"):
         parse(codes)
 
 
