@@ -174,7 +174,7 @@ def _spectrum(axes: Axes, echo: Echo) -> None:
 def _spectrogram(axes: Axes, echo: Echo) -> None:
     signal, rate = echo.heard_waveforms[0], echo.sample_rate
     axes.set_title("Spectrogram of the echo")
-    window = min(256, len(signal))
+    window = min(256, len(signal) // 2)
     if window < 8:
         return
     hop = max(1, window // 8)

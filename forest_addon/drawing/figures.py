@@ -171,7 +171,7 @@ def draw_reverb(response: ImpulseResponse) -> Figure:
     decay.set_ylabel("dB")
     decay.set_title("Energy decay (Schroeder); reverberation time is read between the grey lines")
 
-    window = 512
+    window = min(512, max(len(response.samples) // 2, 1))
     tone.specgram(
         response.samples + 1e-9 * peak,
         NFFT=window,
