@@ -233,14 +233,14 @@ def reverb_case(number: int) -> Case:
         paths = stand.paths(step)
         count = int(rate * (min(float(paths.length.max()) / air.speed(), 0.3) + 0.05))
         exact = direct_sum(paths, rate, count, air, None, losses, max(0.03 * tolerance, 1e-7))
-        found = prepared.sum(paths, rate, count, air, tolerance, losses)
+        found, estimated = prepared.sum(paths, rate, count, air, tolerance, losses)
         arrivals = arrivals_of(paths, losses, air.speed())
-        errors = judged(found.samples, exact, rate, tolerance, arrivals)
+        errors = judged(found, exact, rate, tolerance, arrivals)
         name = max(errors, key=lambda key: errors[key])
         if errors[name] / tolerance > worst:
             worst, at = errors[name] / tolerance, name
-        told = max([told, *found.errors.values()])
-        for octave, error in found.errors.items():
+        told = max([told, *estimated.values()])
+        for octave, error in estimated.items():
             told_of = max(told_of, errors.get(f"{octave:g} Hz", 0.0) / max(error, 1e-12))
     return Case(
         stand.kind, number, tolerance, worst, told_of, told > tolerance, f"{at}: {stand.what}"
