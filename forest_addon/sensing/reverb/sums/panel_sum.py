@@ -283,7 +283,7 @@ Shift = Callable[[np.ndarray], np.ndarray]  # of angles
 REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
 TURN, WIDEST_TURN = 0.75, 6.0  # radians by which H turns from the middle of a box to its side
 FULL = 40  # trunks a box; with fewer, boxes are larger
-LEAST = 0.1  # of the tolerance, for leaving out a term
+LEAST = 0.03  # of the tolerance, for leaving out a term
 SPARSE = 2  # trunks a node of a sector's angles, below which each trunk has an angle of its own
 VALUES_AT_ONCE = 1 << 21
 
@@ -418,12 +418,12 @@ def _term_sizes(turn: float, poles: float) -> np.ndarray:
     """(N,) largest coefficient, from each order on, of the Chebyshev series of e^{i·turn·x}, |x| <= 1:
     2·i^n·J_n (DLMF 10.12.3).
 
-    With poles at ±i·poles/turn, coefficients fall as ρ^-n, ρ from the ellipse through them, at the least.
+    With poles at ±i·poles/turn, coefficients fall as 2·ρ^-n, ρ from the ellipse through them, at the least.
     """
     order = np.arange(64)
     sizes = 2.0 * np.abs(special.jv(order, turn))
     if poles > 0 and turn > 0:
-        sizes = np.maximum(sizes, LEAST * (poles / turn + math.hypot(1.0, poles / turn)) ** -order)
+        sizes = np.maximum(sizes, 2.0 * (poles / turn + math.hypot(1.0, poles / turn)) ** -order)
     return np.maximum.accumulate(sizes[::-1])[::-1]
 
 
