@@ -440,10 +440,12 @@ Four things limit what these rows can say:
   place of 18) change the drone's lines by 4 to 5 points and no verdict; angles of branches and the
   threshold change less than stands differ by.
 
-Echoes are seen by their peaks. Before, by all of their light, the aircraft's lines were 1 to 5 points farther
-from the cloud's and the drone's 1 to 3 nearer. What is left has two signs: the drone's small beams are split
-more often in real crowns than in ours, the aircraft's wide ones less often. Both ask for foliage that is
-finer within a tuft, and tufts that stand farther apart; no measurement of either was found.
+Points classed as noise, 2.2 % of the aircraft's, are left out; with them its lines had 39 to 43 % of single
+returns, ours 36 to 41. Echoes are seen by their peaks: by all of their light (and with the noise) the
+aircraft's lines were 1 to 5 points farther from the cloud's, the drone's 1 to 3 nearer. What is left has one
+sign: in real crowns the drone's pulses are split more often than in ours, by 8 to 18 points, and the
+aircraft's have more third and fourth returns. That asks for foliage that is finer within a tuft, and for
+tufts that stand farther apart; no measurement of either was found.
 
 **Diameters of one scan.** Lists of La Rioja differ from the hand by 13 plots' means of -3.4 to -0.8 cm,
 and neither a plot nor the scale of a scan is the cause. FORTLS's own algorithm on our boles with bark
