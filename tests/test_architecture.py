@@ -101,7 +101,7 @@ BUDGETS = {
     "forest_addon/blender": (5170, 39),
     "forest_addon/drawing": (580, 6),
     "forest_addon/flight": (1806, 12),
-    "forest_addon/formats": (3566, 29),
+    "forest_addon/formats": (3567, 29),
     "forest_addon/growth": (7833, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1204, 17),

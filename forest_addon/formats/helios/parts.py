@@ -53,11 +53,11 @@ class Material:
 
 @guarded("a Wavefront material file")
 def read_materials(path: Path) -> dict[str, Material]:
-    """Materials of a .mtl file by name; none of one that holds nothing but comments.
+    """Materials of a .mtl file by name.
 
     Raises
     ------
-    SpecError : other words and no material, or a reflectance that is no number from 0 to 1.
+    SpecError : no material, or a reflectance that is no number from 0 to 1.
     """
     materials: dict[str, Material] = {}
     text = path.read_text("utf-8", "replace")
@@ -73,7 +73,7 @@ def read_materials(path: Path) -> dict[str, Material]:
             )
         ground = yes(said.get("isGround"), False)
         materials[" ".join(name.split())] = Material(ground, reflectance, said.get("spectra", ""))
-    if not materials and re.sub("#.*", "", text).strip():
+    if not materials:
         raise SpecError(str(path), "holds no material (newmtl)")
     return materials
 
@@ -214,7 +214,8 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     material_of: dict[str, Material] = {}
     naming = [lines[line] for line in at_file.tolist()]
     for file in filter(Path.is_file, _material_files(path, naming)):
-        material_of |= read_materials(file)
+        if re.sub("#.*", "", file.read_text("utf-8", "replace")).strip():  # else Blender's, of none
+            material_of |= read_materials(file)
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
     materials = tuple(material_of.get(name, Material()) for name in names)
