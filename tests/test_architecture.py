@@ -98,7 +98,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1085, 14),
     "forest_addon/api": (879, 6),
     "forest_addon/base": (364, 12),
-    "forest_addon/blender": (5170, 39),
+    "forest_addon/blender": (5182, 39),
     "forest_addon/drawing": (580, 6),
     "forest_addon/flight": (1806, 12),
     "forest_addon/formats": (3567, 29),

@@ -89,6 +89,8 @@ class Job:
     @property
     def busy(self) -> bool:
         """Return whether a task is still running, also one that was cancelled and has not noticed yet."""
+        if self._stopped.is_set():
+            self._interrupt()
         return self._thread is not None and self._thread.is_alive()
 
     def step(self) -> bool:
@@ -123,14 +125,19 @@ class Job:
         """Give the work up: nothing more of it runs on the main thread, its task stops soon."""
         self.over = True
         self._stopped.set()
-        with self._lock:
-            if self._at_work is not None:
-                # As soon as that thread runs Python: steps between two ``tell`` are long, and what they keep
-                # for later they store whole or not at all.
-                raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
-                raise_in(ctypes.c_ulong(self._at_work), ctypes.py_object(CancelledError))
-            self._at_work = None
+        self._interrupt()
         self._work.close()
+
+    def _interrupt(self) -> None:
+        """Raise in the task's thread, as soon as that runs Python: steps between two ``tell`` are long, and
+        what they keep for later they store whole or not at all. An import would leave half a module: it
+        goes on, and who asks whether the job is busy asks for this again."""
+        with self._lock:
+            if self._at_work is None or _imports(self._at_work):
+                return
+            raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
+            raise_in(ctypes.c_ulong(self._at_work), ctypes.py_object(CancelledError))
+            self._at_work = None
 
     def _resume(self) -> Task:
         problem, outcome = self._problem, self._outcome
@@ -170,6 +177,16 @@ class Job:
             self._outcome = task.run(tell)
         except BaseException as problem:
             self._problem = problem
+
+
+def _imports(thread: int) -> bool:
+    """Return whether a thread is importing a module."""
+    frame = sys._current_frames().get(thread)
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 @contextmanager

@@ -108,6 +108,34 @@ def test_cancel_stops_a_task_and_no_handler_on_the_way_keeps_it(pause):
     assert not reached
 
 
+def test_a_cancelled_job_ends_after_an_import_that_is_under_way(tmp_path, monkeypatch):
+    """Half a module would stay half, for all that import it later."""
+    begun, reached = threading.Event(), []
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "importing", (begun, reached), raising=False)
+    (tmp_path / "slow_module.py").write_text(
+        "import sys, time\nbegun, reached = sys.importing\nbegun.set()\n"
+        "for _ in range(100):\n    time.sleep(0.002)\nreached.append('the end')\n"
+    )
+
+    def importing(tell):
+        import slow_module  # noqa: F401 what a task loads when it needs it
+
+        while True:
+            time.sleep(0.001)
+
+    def work():
+        yield Task("importing", importing)
+
+    job = Job("importing", work())
+    assert not job.step()
+    assert begun.wait(PATIENCE)
+    job.cancel()
+    wait_until_idle(job)
+    assert reached == ["the end"]
+    sys.modules.pop("slow_module")
+
+
 def wait_until_idle(job):
     end = time.monotonic() + PATIENCE
     while job.busy and time.monotonic() < end:
