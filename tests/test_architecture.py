@@ -115,7 +115,7 @@ BUDGETS = {
     "headless/dataset": (2521, 15),
     "headless/report": (523, 4),
     "studies": (159, 5),
-    "studies/bench": (1527, 17),
+    "studies/bench": (1524, 17),
     "studies/flight": (549, 7),
     "studies/papers": (356, 3),
     "studies/sim_to_real": (910, 5),

@@ -107,10 +107,7 @@ def _measure(section: str, name: str) -> Told:
             found[by_library], seconds = timed(row.work)
             taken[by_library].append(seconds)
             clocks.append(time.perf_counter() - begin if by_library else float("inf"))
-    errors = {}
-    for by_library, result in found.items():
-        with _kernels(by_library):
-            errors[by_library] = row.error(result)
+    errors = {by_library: row.error(result) for by_library, result in found.items()}
     return {
         "many": row.many,
         "first": first,

@@ -121,7 +121,7 @@ means that intervals overlap, or what the row says; *not told apart*, that they 
 so if the two differed by half. The last column is the difference that a row can detect: beyond it the
 intervals (90 % where nothing else is said) no longer overlap. Tables show what was judged, and words below
 them explain what does not agree or cannot be told. Rows without a verdict and words on what agrees are in
-`docs/validation/*.json`. `python -m studies validate --data FOLDER --docs docs` writes this page.
+`docs/validation/*.json`. `python -m studies --force validate --data FOLDER --docs docs` writes this page.
 """
 TAIL = """\
 ## What was not measured
