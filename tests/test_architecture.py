@@ -102,7 +102,7 @@ BUDGETS = {
     "forest_addon/drawing": (580, 6),
     "forest_addon/flight": (1806, 12),
     "forest_addon/formats": (3567, 29),
-    "forest_addon/growth": (7833, 36),
+    "forest_addon/growth": (7834, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1204, 17),
     "forest_addon/sensing": (12624, 94),

@@ -717,9 +717,8 @@ def width_of(points: np.ndarray) -> float:
             inner = -float((some.equations[:, :2] @ middle + some.equations[:, 2]).max())
             x, y = flat[:, 0] - middle[0], flat[:, 1] - middle[1]
             flat = flat[x * x + y * y >= (0.999 * inner) ** 2]
-        return (
-            float(scipy.spatial.ConvexHull(flat).area) / np.pi
-        )  # in the plane "area" is the perimeter
+        perimeter = float(scipy.spatial.ConvexHull(flat).area)  # so it is called in the plane
+        return perimeter / np.pi
     except scipy.spatial.QhullError:  # all in a line
         return 2 * float(np.linalg.norm(np.ptp(flat, axis=0))) / np.pi
 

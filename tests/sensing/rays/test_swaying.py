@@ -218,7 +218,7 @@ def test_labels_go_with_pieces(parts):
 
 
 def test_what_stands_still_holds_nothing_of_trees_that_sway():
-    """What sways is in the tables of what moves: once more it would take the memory of all leaves."""
+    """Tables of what moves hold all that sways: held twice, it would take the memory of all leaves."""
     assert len(MovingScene(scene(plate()), sway=Lean()).still.table.triangles) == 1  # the wall
 
 
