@@ -17,7 +17,7 @@ from ..base.trimesh import LEAF, TriMesh, is_wood
 from ..base.vectors import nearest_on_triangles, winding_number
 from ..growth.own_tree.centreline import find_centrelines
 from ..growth.own_tree.pieces import part
-from ..sensing.rays.geometry import SceneGeometry, invert_transforms
+from ..sensing.rays.geometry import SceneGeometry, apply_transform, invert_transforms
 
 SQUARE = 2.0  # metres, of the map of what may be near
 REACH = 2.0  # metres, beyond which room is not told
@@ -207,21 +207,27 @@ class MeshObstacles:
         total = len(self._corners)
         key = distinct(pair[of] * total + self._items[begin[of] + place])
         pair, item = np.divmod(key, total)
-        return row[pair], self._placed(which[pair], item)
+        row, corners = row[pair], self._placed(which[pair], item)
+        met = ((corners.min(axis=1) <= high[row]) & (corners.max(axis=1) >= low[row])).all(axis=1)
+        return row[met], corners[met]
 
     def _astray(self, _place: np.ndarray) -> float:
         """Metres that nothing near places (N, 3) is farther than, from where it was read."""
         return 0.0
 
+    def _own(self, _which: np.ndarray, item: np.ndarray) -> np.ndarray:
+        """(T, 3, 3) corners of triangles ``item`` (T,) of instances (T,), in the frames of these."""
+        return self._corners[item]
+
     def _placed(self, which: np.ndarray, item: np.ndarray) -> np.ndarray:
         """(T, 3, 3) corners in the world of triangles ``item`` (T,) of instances (T,)."""
-        world, own = self._to_world[which], self._corners[item]
+        world, own = self._to_world[which], self._own(which, item)
         return own @ world[:, :, :3].transpose(0, 2, 1) + world[:, None, :, 3]
 
     def encloses(self, place: np.ndarray) -> bool:
         """Return whether a place (3,) is inside of a trunk, a branch or another closed body: by the winding
-        number of each body's triangles, the sum of their solid angles (van Oosterom & Strackee 1983) over 4π;
-        an open end counts for what it leaves open.
+        number of each body's triangles in its own frame, the sum of their solid angles (van Oosterom &
+        Strackee 1983) over 4π; an open end counts for what it leaves open.
         """
         if not len(self._mesh):
             return False
@@ -231,7 +237,8 @@ class MeshObstacles:
         )
         for which in met:
             item = np.arange(*self._shift[self._mesh[which] : self._mesh[which] + 2])
-            if winding_number(place, self._placed(np.full(len(item), which), item)) > 0.5:
+            own_place = apply_transform(self._to_local[which], place)
+            if winding_number(own_place, self._own(np.full(len(item), which), item)) > 0.5:
                 return True
         return False
 

@@ -203,7 +203,7 @@ class Flyers:
 
     def _touched(self, here: np.ndarray, there: np.ndarray, length: np.ndarray) -> np.ndarray:
         """(N,) shares of ways at which flyers touch, ``inf``: not on them. Who stays in the free ball of
-        before, or in that around where it is, is not asked; obstacles that move stand for a step where they
+        before, or in that around the middle of its way, is not asked; obstacles that move stand for a step where they
         are in its middle.
         """
         radius, obstacles = self.flight.radius, self.world.obstacles
@@ -214,12 +214,14 @@ class Flyers:
                 rows = np.flatnonzero(middle == time)
                 share[rows] = touched(obstacles.at(time), here[rows], there[rows], radius)
             return share
-        # The ball holds the start of the way too: a ball is convex.
+        # The ball holds the start of the way too, since that of before ended in it: a ball is convex.
         rows = (lengths(there - self._ball) + radius > self._room).nonzero()[0]
         if len(rows):
-            room = obstacles.room(here[rows])
-            self._ball[rows], self._room[rows] = here[rows], room
-            rows = rows[length[rows] + radius > room]
+            middle = (here[rows] + there[rows]) / 2
+            room = obstacles.room(middle)
+            near = length[rows] / 2 + radius > room
+            self._ball[rows], self._room[rows] = middle, np.where(near, -1.0, room)
+            rows = rows[near]
         if len(rows):
             share[rows] = obstacles.touch(here[rows], there[rows], radius)
         return share
@@ -234,9 +236,12 @@ class Flyers:
             with np.errstate(divide="ignore", invalid="ignore"):
                 share = np.where(left <= 0, 0.0, left / speed)
             return np.where((left <= 0) | ((speed > 0) & (share <= 1)), share, np.inf)
-        reached = self.flight.reached
-        share = first_within(here - self.goal, way, reached)
-        share = np.where(lengths(here - self.goal) <= reached, 0.0, share)
+        reached, off = self.flight.reached, here - self.goal
+        distance, share = lengths(off), np.full(self.count, np.inf)
+        rows = (distance <= (reached + lengths(way)) * (1 + 1e-9)).nonzero()[0]
+        if len(rows):
+            share[rows] = first_within(off[rows], way[rows], reached)
+        share[distance <= reached] = 0.0
         return np.where(share <= 1, share, np.inf)
 
     def _distance(self, place: np.ndarray) -> np.ndarray:

@@ -359,7 +359,7 @@ class SwayingObstacles(MeshObstacles):
         near = (self._tree >= 0) & (np.linalg.norm(away, axis=1) <= self._wide + REACH)
         return max((self._moment(which)[1] for which in np.flatnonzero(near).tolist()), default=0.0)
 
-    def _placed(self, which: np.ndarray, item: np.ndarray) -> np.ndarray:
+    def _own(self, which: np.ndarray, item: np.ndarray) -> np.ndarray:
         corners = self._corners[item]
         for one in np.unique(which[self._tree[which] >= 0]).tolist():
             rows = np.flatnonzero(which == one)
@@ -367,8 +367,7 @@ class SwayingObstacles(MeshObstacles):
             place = self._moment(one)[0][piece]
             corners[rows] = np.einsum("tij,tkj->tki", place[:, :, :3], corners[rows])
             corners[rows] += place[:, None, :, 3]
-        world = self._to_world[which]
-        return corners @ world[:, :, :3].transpose(0, 2, 1) + world[:, None, :, 3]
+        return corners
 
     def _moment(self, which: int) -> tuple[np.ndarray, float]:
         """Return places (G, 3, 4) of the pieces of an instance's tree, and metres that nothing of it that

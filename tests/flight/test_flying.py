@@ -92,6 +92,28 @@ def test_behind_a_wall_nobody_arrives():
     assert track.position[:, 0].max() < 8.0
 
 
+def test_a_way_back_into_room_of_before_is_looked_at_whole():
+    """It begins beyond what was free around the way before, behind a trunk."""
+    one = flyers(ALONG, world([[0.0, 0.0]]), lidar=False)
+    places = [np.array([place]) for place in ([-1.0, 0, 1.5], [0.0, 1, 1.5], [-0.5, -0.15, 1.5])]
+    shares = [
+        one._touched(here, there, np.linalg.norm(there - here, axis=1))[0]
+        for here, there in zip(places, places[1:], strict=False)
+    ]
+    assert shares[0] == np.inf
+    met = places[1] + shares[1] * (places[2] - places[1])
+    assert np.hypot(*met[0, :2]) == pytest.approx(0.3 + ALONG.radius, abs=1e-9)
+
+
+def test_a_trunk_encloses_what_is_within_however_it_stands():
+    scene = forest()
+    solids = [Solid(scene.meshes[0], 0.02)]
+    for number, transform in enumerate(scene.transform):
+        obstacles = MeshObstacles(scene.take(np.array([number])), solids)
+        for own, inside in (([0.25, 0.0, 2.0], True), ([0.25, 0.6, 2.0], False)):
+            assert obstacles.encloses(transform @ [*own, 1.0]) is inside
+
+
 def test_a_start_in_a_trunk_is_refused():
     for start in ((10.0, 0.1, 1.0), (10.4, 0.0, 1.0)):
         flight = ALONG.changed(start=start)
