@@ -68,13 +68,11 @@ class _Flights:
         folder: str | Path,
         dtype: str,
     ) -> None:
-        words = (("forest", forest, FORESTS), ("heard", heard, HEARD), ("dtype", dtype, DTYPES))
+        words = [("forest", forest, FORESTS), ("heard", heard, HEARD), ("dtype", dtype, DTYPES)]
+        words += [("sensors", sensor, SENSORS) for sensor in sensors]
         for name, value, known in words:
             if value not in known:
                 raise unknown(name, value, known)
-        for sensor in sensors:
-            if sensor not in SENSORS:
-                raise unknown("sensors", sensor, SENSORS)
         if every < 1:
             raise SpecError("every", f"{every} is out of range; use at least 1")
         if isinstance(scene, World):

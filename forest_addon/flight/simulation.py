@@ -203,8 +203,8 @@ class Flyers:
 
     def _touched(self, here: np.ndarray, there: np.ndarray, length: np.ndarray) -> np.ndarray:
         """(N,) shares of ways at which flyers touch, ``inf``: not on them. Who stays in the free ball of
-        before, or in that around the middle of its way, is not asked; obstacles that move stand for a step where they
-        are in its middle.
+        before, or in that around the middle of its way, is not asked; obstacles that move stand for a step
+        where they are in its middle.
         """
         radius, obstacles = self.flight.radius, self.world.obstacles
         share = np.full(self.count, np.inf)

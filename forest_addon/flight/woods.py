@@ -335,8 +335,7 @@ class SwayingObstacles(MeshObstacles):
         super().__init__(scene, solids)
         self._sway, self._time = sway, 0.0
         self._tree = trees_that_sway(scene, sway)[self.rows]
-        self._piece: dict[tuple[int, int], np.ndarray] = {}
-        self._end: dict[tuple[int, int], np.ndarray] = {}
+        self._piece: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
         self._wide = np.linalg.norm(self._high - self._low, axis=1)
         self._moments: dict[int, tuple[np.ndarray, float]] = {}
 
@@ -363,10 +362,10 @@ class SwayingObstacles(MeshObstacles):
         corners = self._corners[item]
         for one in np.unique(which[self._tree[which] >= 0]).tolist():
             rows = np.flatnonzero(which == one)
-            piece = self._pieces(one)[item[rows] - self._shift[self._mesh[one]]]
-            place = self._moment(one)[0][piece]
-            corners[rows] = np.einsum("tij,tkj->tki", place[:, :, :3], corners[rows])
-            corners[rows] += place[:, None, :, 3]
+            place = self._moment(one)[0]
+            piece = self._pieces(one, len(place))[0][item[rows] - self._shift[self._mesh[one]]]
+            corners[rows] = np.einsum("tij,tkj->tki", place[piece, :, :3], corners[rows])
+            corners[rows] += place[piece, None, :, 3]
         return corners
 
     def _moment(self, which: int) -> tuple[np.ndarray, float]:
@@ -374,7 +373,7 @@ class SwayingObstacles(MeshObstacles):
         stops is farther off its rest."""
         if which not in self._moments:
             place = self._sway.moment(int(self._tree[which]), self._time)[0]
-            off, ends = place - np.eye(3, 4), self._ends(which, len(place))
+            off, ends = place - np.eye(3, 4), self._pieces(which, len(place))[1]
             middle, half = ends.mean(axis=0), np.ptp(ends, axis=0) / 2
             most = np.abs(np.einsum("gij,gj->gi", off[:, :, :3], middle) + off[:, :, 3])
             most += np.einsum("gij,gj->gi", np.abs(off[:, :, :3]), half)
@@ -382,21 +381,13 @@ class SwayingObstacles(MeshObstacles):
             self._moments[which] = place, far
         return self._moments[which]
 
-    def _pieces(self, which: int) -> np.ndarray:
-        """(T,) the piece that each triangle of an instance's solid is on."""
+    def _pieces(self, which: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """(T,) the piece that each triangle of an instance's solid is on, of so many of its tree; and
+        (2, G, 3) smallest and largest coordinates of what stops on each, 0 where there is nothing."""
         tree, mesh = int(self._tree[which]), int(self._mesh[which])
         key = mesh, self._sway.variant(tree)[0]
         if key not in self._piece:
-            middle = self._solids[mesh].corners.mean(axis=1)
-            self._piece[key] = self._sway.pieces_at(tree, middle, np.full(len(middle), -1))
-        return self._piece[key]
-
-    def _ends(self, which: int, count: int) -> np.ndarray:
-        """(2, G, 3) smallest and largest coordinates of what stops on each piece of an instance's tree; 0
-        where there is nothing."""
-        mesh = int(self._mesh[which])
-        key = mesh, self._sway.variant(int(self._tree[which]))[0]
-        if key not in self._end:
             corners = self._solids[mesh].corners
-            self._end[key] = boxes_of_pieces(corners, self._pieces(which), count)
-        return self._end[key]
+            piece = self._sway.pieces_at(tree, corners.mean(axis=1), np.full(len(corners), -1))
+            self._piece[key] = piece, boxes_of_pieces(corners, piece, count)
+        return self._piece[key]

@@ -1,6 +1,7 @@
 """Policies in plane forests: what they reach, what is certain, what may go wrong; without Blender."""
 
 import tracemalloc
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -98,7 +99,7 @@ def test_a_way_back_into_room_of_before_is_looked_at_whole():
     places = [np.array([place]) for place in ([-1.0, 0, 1.5], [0.0, 1, 1.5], [-0.5, -0.15, 1.5])]
     shares = [
         one._touched(here, there, np.linalg.norm(there - here, axis=1))[0]
-        for here, there in zip(places, places[1:], strict=False)
+        for here, there in pairwise(places)
     ]
     assert shares[0] == np.inf
     met = places[1] + shares[1] * (places[2] - places[1])
