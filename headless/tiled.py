@@ -40,8 +40,8 @@ from .command import DoubtfulError, IncompleteError
 from .dataset.engine import Cluster, SceneOutcome, WorkerJob, make_all
 from .dataset.estimate import Estimate, Trial
 from .dataset.settings import Running
+from .pipeline import made_with
 from .progress import Stages, hushed, peak_memory_mb
-from .record import made_with
 from .store import claim_store, fetch, put
 
 FOLDER = "tiles"

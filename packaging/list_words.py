@@ -23,7 +23,7 @@ WORDED_FILES = (  # other rooms that say what the panel shows
     *sorted((ROOT / "forest_addon" / "sensing").glob("*/kind.py")),
 )
 OURS = {"say", "label", "keep"}  # of ui/shell/words.py and base/words.py
-WORDED = {"numbers": 2, "words": 3}  # of results/figures.py: the short name; and the pattern
+WORDED = {"numbers": 2, "words": 3}  # of results/kind.py: the short name; and the pattern
 SHOWN = {"text", "heading", "placeholder"}  # what a layout is given by these names
 BUTTONS = {"operator", "operator_menu_enum"}
 ANY, OPERATOR = "*", "Operator"

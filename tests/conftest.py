@@ -117,7 +117,7 @@ def warm():
 def quick(monkeypatch):
     """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""
     monkeypatch.setattr("forest_addon.stand.statistics.law.SIMULATIONS", 19)
-    for name, few in (("sweep.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):
+    for name, few in (("sensors.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):
         monkeypatch.setattr(f"headless.accuracy.{name}", few)
 
 

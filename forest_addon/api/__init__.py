@@ -94,9 +94,8 @@ from ..spec import (
 if TYPE_CHECKING:
     from .given import instrument, instruments, save_pattern, trajectory
     from .results import Echoes, PointCloud, Response, Result, RowScan, crowns
-    from .site import Site, build, current, read
     from .tiles import Tile, TiledScan, Tiling
-    from .world import World
+    from .world import Site, World, build, current, read
 
 _LATER = {  # all but settings, imported when it is asked for
     **dict.fromkeys(("instrument", "instruments", "save_pattern", "trajectory"), ".given"),

@@ -47,8 +47,7 @@ from ..tiles import (
 )
 from .given import enough_memory, file_to_write, import_blender, progress_of, way_of
 from .results import Result, is_scanner
-from .site import Site
-from .world import World
+from .world import Site, World
 
 if TYPE_CHECKING:
     from ..results.scan_file import Written

@@ -20,8 +20,7 @@ from ..formats.table import write_csv, write_npz
 from ..sensing.kind import Seen
 from ..spec import Scene, Sensor, SpecError
 from .coordinates import FILE, NO_OFFSET, Offset
-from .figures import Figure, numbers
-from .kind import Finding, ResultKind, Variables
+from .kind import Figure, Finding, ResultKind, Variables, numbers
 from .points import ending_of
 from .reverb import REVERB
 from .scanner import SCANNER

@@ -21,8 +21,7 @@ from ..sensing.reverb.channels import ImpulseResponse, channels_of
 from ..sensing.reverb.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
 from ..spec import Reverb
 from .coordinates import Offset
-from .figures import Figure, numbers, sound_columns, words
-from .kind import ResultKind, Variables
+from .kind import Figure, ResultKind, Variables, numbers, sound_columns, words
 
 if TYPE_CHECKING:
     from ..sensing.reverb.model_error import ModelError

@@ -14,8 +14,7 @@ from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.glance import range_image
 from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
-from .figures import Figure, numbers, organ_figures, share
-from .kind import ResultKind, Variables
+from .kind import Figure, ResultKind, Variables, numbers, organ_figures, share
 from .points import ENDINGS, UNITS, WAVEFORMS, records, write_points
 
 THIRDS = 3  # of the heights of what moves

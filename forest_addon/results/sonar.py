@@ -24,8 +24,7 @@ from .echo_files import (
     write_echo_arrays,
     write_echo_sound,
 )
-from .figures import Figure, numbers, sound_columns, words
-from .kind import Finding, ResultKind, Variables
+from .kind import Figure, Finding, ResultKind, Variables, numbers, sound_columns, words
 
 if TYPE_CHECKING:
     from ..sensing.sonar.receiver import Reception

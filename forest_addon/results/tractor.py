@@ -9,8 +9,7 @@ from ..drawing.strips import Axis, Plot, by_distance
 from ..sensing.kind import Seen
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..spec import Tractor
-from .figures import Figure, numbers, organ_figures, share
-from .kind import ResultKind, Variables
+from .kind import Figure, ResultKind, Variables, numbers, organ_figures, share
 from .points import ENDINGS, write_points
 
 

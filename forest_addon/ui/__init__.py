@@ -98,10 +98,10 @@ def _classes() -> list[type]:
 
 
 ROOMS = (
-    *("properties", "species.edit", "shell.words", "shell.running", "forest.tree", "forest.start"),
+    *("properties", "shell.words", "shell.running", "forest.tree", "forest.start"),
     *("forest.build", "forest.scene_file", "sensors.add", "sensors.run", "sensors.look_through"),
     *("results.keep", "settings.preferences", "settings.presets", "forest.panels"),
-    *("sensors.panels", "sensors.flight", "results.panel", "overlay", "species.panel"),
+    *("sensors.panels", "results.panel", "overlay", "species.edit"),
     *("forest.wind", "shell.views", "settings.hills", "forest.hand", "forest.planting"),
     "settings.references",
 )

@@ -22,8 +22,7 @@ from forest_addon.sensing.kinds import choose
 from forest_addon.spec import SpecError
 
 from ..progress import Stages, hushed
-from .sensors import SWEEPS, Meshes
-from .sweep import AccuracySweep, Point
+from .sensors import SWEEPS, AccuracySweep, Meshes, Point
 
 FLOOR = 1e-16  # an error of 0 is drawn here
 COLUMNS = 2

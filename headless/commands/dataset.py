@@ -7,7 +7,7 @@ import sys
 
 from forest_addon.spec import SpecError
 
-from ..dataset.disk import write_shards
+from ..dataset.disk import check_dataset, write_shards
 from ..dataset.engine import Cluster
 from ..dataset.estimate import estimate, tell
 from ..dataset.formats import convert_dataset
@@ -20,8 +20,6 @@ def run(chosen: argparse.Namespace) -> None:
     """Make, estimate, check or convert a dataset."""
     say = (lambda text: None) if chosen.quiet else _say
     if chosen.check is not None:
-        from ..dataset.check import check_dataset
-
         check_dataset(chosen.check, say)
         return
     if chosen.convert is not None:
@@ -34,13 +32,14 @@ def run(chosen: argparse.Namespace) -> None:
     if chosen.dry_run:
         tell(estimate(plan, _say), _say)
         return
-    from ..dataset.factory import Asked, copy_to, make_dataset
+    from ..dataset.factory import copy_to, make_dataset
 
     cluster = Cluster(chosen.workers or 0, chosen.scheduler, chosen.slurm)
     if chosen.store is not None and chosen.replace:
         raise SpecError("--replace", "does not go with --store; take an empty store")
     store = None if chosen.store is None else store_of(chosen.store)
-    make_dataset(plan, chosen.out, Asked(cluster, chosen.replace, chosen.quiet, store))
+    how = {"replace": chosen.replace, "quiet": chosen.quiet, "store": store}
+    make_dataset(plan, chosen.out, cluster, **how)
     if chosen.shards is not None:
         write_shards(chosen.out, chosen.shards * 10**6)
         if store is not None:

@@ -27,7 +27,7 @@ def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool 
     with stages.stage("load bpy"), hushed():
         import bpy
 
-        from forest_addon.api.site import build
+        from forest_addon.api.world import build
         from forest_addon.blender.files.others import export_for_others
         from forest_addon.blender.sensors.observe import Observer
         from forest_addon.sensing.lidar.surveys.export import flown

@@ -28,7 +28,7 @@ from forest_addon.formats.table import write_csv
 from forest_addon.spec import Scene, SpecError
 
 from ..progress import Stages, hushed
-from ..report.flights import draw_flights
+from ..report.trees import draw_flights
 
 
 def run(chosen: argparse.Namespace) -> None:

@@ -131,7 +131,7 @@ def _groups(wood: Path, leaves: Path | None) -> list[Group]:
     for path in (wood, leaves):
         if path and path.suffix.lower() not in known:
             raise SpecError("template", f"{path.name} is of no known kind; use {', '.join(known)}")
-    from forest_addon.blender.files.tree_files import read_parts
+    from forest_addon.blender.files.export import read_parts
 
     return read_parts(wood, leaves)
 

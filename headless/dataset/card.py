@@ -32,7 +32,7 @@ from forest_addon.spec import Forest
 from ..progress import plain
 from . import disk
 from .disk import Done
-from .for_instance import CLASSES
+from .formats import CLASSES
 from .plan import SPLITS, Plan, Recipe
 
 FILES = {
@@ -367,17 +367,8 @@ def _what_varied(plan: Plan) -> list[str]:
     return ["## What varied", "", "| key | values | design |", "|---|---|---|", *rows, ""]
 
 
-def shared_trees(records: Sequence[dict[str, Any]]) -> int:
-    """Number of grown trees that stand in scenes of more than one split."""
-    splits: dict[str, set[str]] = {}
-    for record in records:
-        for digest in record["variants"].values():
-            splits.setdefault(digest, set()).add(record["split"])
-    return sum(len(found) > 1 for found in splits.values())
-
-
 def _shared(plan: Plan, records: Sequence[dict[str, Any]]) -> str:
-    count = shared_trees(records)
+    count = disk.shared_trees(records)
     if not count:
         return "No two splits share a grown tree."
     meant = (

@@ -1,7 +1,7 @@
 """Workers that make scenes of a dataset or tiles of a field: threads of this process, or of a Dask cluster.
 
-A worker holds a process pool of one process, which has Blender loaded and does one job after the other;
-the worker never loads Blender itself. It watches its process: a job that runs past its time or needs more
+A worker holds a process that has Blender loaded and does one job after the other, as a pipe brings them; the
+worker never loads Blender itself. It watches its process: a job that runs past its time or needs more
 memory than it may is ended with it; one that can be cut is done in smaller parts, and what cannot be made is
 set aside. The process is renewed after a while, and ends with whoever started it, however that comes.
 
@@ -12,7 +12,6 @@ again, as long as it goes on finishing some.
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import ctypes
 import errno
@@ -31,18 +30,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import (
-    BrokenExecutor,
-    CancelledError,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-    wait,
-)
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from importlib.machinery import PathFinder
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import module_from_spec
+from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -172,12 +165,9 @@ class SceneOutcome:
 
 # The process of a worker: what runs within it.
 
-_session: Any = None  # of the scenes that it makes
 
-
-def _begin(threads: int, words: Path) -> None:
-    """Load Blender; everything that is printed from now on goes to a file of last words."""
-    global _session
+def _serve(pipe: Connection, threads: int, words: Path) -> None:
+    """Load Blender, say so, and do jobs as they come; all that is printed goes to a file of last words."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends us
     said = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for stream in (1, 2):
@@ -191,8 +181,12 @@ def _begin(threads: int, words: Path) -> None:
             spec.loader.exec_module(sys.modules["bpy"])
     from .scene import Session
 
-    _session = Session(threads)
-    atexit.register(os._exit, 0)  # Blender may hang when its interpreter ends
+    session = Session(threads)
+    pipe.send(SceneOutcome("done"))
+    with contextlib.suppress(EOFError):  # the worker is gone
+        while True:
+            pipe.send(_outcome(pipe.recv(), session))
+    os._exit(0)  # Blender may hang when its interpreter ends
 
 
 def _end_with_starter() -> None:
@@ -202,17 +196,17 @@ def _end_with_starter() -> None:
         os._exit(0)
 
 
-def _serve(job: WorkerJob) -> SceneOutcome:
+def _outcome(job: WorkerJob, session: Any) -> SceneOutcome:
     """Do a job, or say why not."""
     forget_peak()
     try:
-        outcome = SceneOutcome("done", seconds=job.make(_session))
+        outcome = SceneOutcome("done", seconds=job.make(session))
     except BaseException as problem:
         outcome = _failure(problem)
     gc.collect()
-    if not _session.served:  # modules and what they keep: no later scene need look through them
+    if not session.served:  # modules and what they keep: no later scene need look through them
         gc.freeze()
-    _session.served += 1
+    session.served += 1
     if (
         sys.platform == "linux"
     ):  # what scenes left in pieces goes back; another C library has no such call
@@ -245,9 +239,9 @@ class Worker:
         self.scenes = 0  # that its process has made
         self.first_memory = 0.0  # of its process, after the first
         self._stopped = False
-        self._pool: ProcessPoolExecutor | None = None
         self._process: Any = None
-        self._folder: tempfile.TemporaryDirectory[str] | None = None  # of its last words
+        self._pipe: Any = None  # to it
+        self._folder: Any = None  # of its last words
 
     def make(self, job: WorkerJob) -> SceneOutcome:
         """Do a job, twice if need be, in smaller parts where it needs too much memory, and note how it
@@ -290,7 +284,7 @@ class Worker:
         if problem:
             return SceneOutcome("crash", problem, scene=job.number)
         started = time.monotonic()
-        outcome = self._ask(started + job.running.timeout, job.memory, _serve, job)
+        outcome = self._answer(started + job.running.timeout, job.memory, job)
         outcome = replace(outcome, wall=time.monotonic() - started, scene=job.number)
         if self._process is not None:
             self.scenes += 1
@@ -302,37 +296,37 @@ class Worker:
         self.end()
         self._folder = tempfile.TemporaryDirectory()
         spawn = multiprocessing.get_context("spawn")
-        given = (self.threads, Path(self._folder.name) / "words")
-        self._pool = ProcessPoolExecutor(1, spawn, _begin, given)
+        self._pipe, theirs = spawn.Pipe()
+        given = (theirs, self.threads, Path(self._folder.name) / "words")
+        process = spawn.Process(target=_serve, args=given, daemon=True)
         self.scenes, self.first_memory = 0, 0.0
         with _starting, _environment():
-            others = multiprocessing.active_children()
-            self._pool.submit(_is_ready)
-            (self._process,) = set(multiprocessing.active_children()) - set(others)
-        return self._ask(time.monotonic() + STARTS_IN, float("inf"), _is_ready).why
+            process.start()
+        self._process = process
+        theirs.close()  # so that ours ends with the process
+        return self._answer(time.monotonic() + STARTS_IN, float("inf")).why
 
-    def _ask(
-        self, deadline: float, most: float, call: Callable[..., SceneOutcome], *given: Any
-    ) -> SceneOutcome:
-        """Result of a call in the process, or what became of it instead; then it is dead."""
+    def _answer(self, deadline: float, most: float, job: WorkerJob | None = None) -> SceneOutcome:
+        """What the process says, of a job or of its start, or what became of it instead; then it is dead."""
         try:
-            future = self._pool.submit(call, *given)
-            while not future.done() and time.monotonic() < deadline:
-                wait([future], LOOK)
-                if not future.done() and held_memory(self._process.pid) > most:
+            if job is not None:
+                self._pipe.send(job)
+            while not self._pipe.poll(LOOK):
+                if time.monotonic() > deadline:
+                    self.end()
+                    return SceneOutcome("timeout", "ran past its time")
+                if held_memory(self._process.pid) > most:
                     self.end()
                     why = f"needs more memory than it may have ({most / 1e9:.1f} GB)"
                     return SceneOutcome("memory", why)
-            if future.done():
-                return future.result()
-        except BrokenExecutor:
+            outcome: SceneOutcome = self._pipe.recv()
+            return outcome
+        except (EOFError, OSError):
             return self._crashed()
-        self.end()
-        return SceneOutcome("timeout", "ran past its time")
 
     def _crashed(self) -> SceneOutcome:
         """Sentence on how the process ended, with its last words."""
-        self._pool.shutdown()
+        self._process.join()
         code = self._process.exitcode
         said: list[str] = []
         with contextlib.suppress(OSError):  # it ended before its first word
@@ -354,15 +348,10 @@ class Worker:
         """Kill the process; a scene that it was making is lost."""
         if self._process is not None:
             self._process.kill()
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
-        if self._folder is not None:
+            self._process.join()
+            self._pipe.close()
             self._folder.cleanup()
-        self._process = self._pool = self._folder = None
-
-
-def _is_ready() -> SceneOutcome:
-    return SceneOutcome("done")
+        self._process = None
 
 
 @contextlib.contextmanager
@@ -391,7 +380,6 @@ def work(job: WorkerJob) -> SceneOutcome:
     if not hasattr(_own, "worker"):
         multiprocessing.current_process().daemon = False  # as Dask's are, which may start none
         _own.worker = Worker()
-        atexit.register(_own.worker.end)
     worker: Worker = _own.worker
     return worker.make(job)
 

@@ -26,6 +26,7 @@ import numpy as np
 
 from forest_addon.sensing.kinds import KINDS, kind_of
 
+from ..command import IncompleteError
 from . import disk
 from .engine import SceneJob, Worker, machine_memory
 from .plan import Plan, Recipe, recipes
@@ -161,10 +162,6 @@ class Estimate:
         return (plots * fixed + points * rate) / 3600
 
 
-class _Failed(Exception):
-    """A scene that could not be made; says why."""
-
-
 def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> Estimate:
     """Make some scenes of a plan, by what they are likely to cost, in a folder that is removed."""
     considered = min(CONSIDERED, plan.count)
@@ -179,7 +176,7 @@ def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> 
             try:
                 scenes.append(_trial(recipe, worker, plan.running, say))
                 weights.append(weight * plan.count / len(every))
-            except _Failed as problem:
+            except IncompleteError as problem:
                 failed.append(f"scene {recipe.name}: {problem}")
                 say(f"  {failed[-1]}")
     finally:
@@ -256,7 +253,7 @@ def _made(recipe: Recipe, worker: Worker, running: Running) -> Trial:
         root = Path(folder)
         outcome = worker.once(SceneJob(root, recipe, running, machine_memory(), 1))
         if outcome.kind != "done":
-            raise _Failed(outcome.why)
+            raise IncompleteError(outcome.why)
         done = disk.read_scene(root / disk.SCENES / recipe.name)
         points = float(sum(done.record["points"].values()))
         return Trial(outcome.seconds, points, float(done.size), outcome.peak)

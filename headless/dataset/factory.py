@@ -6,10 +6,10 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import tomli_w
 from tqdm import tqdm
 
 from forest_addon.formats.atomic import write_whole
@@ -30,21 +30,22 @@ NAMED = 8  # scenes that a message names
 REFRESH = 30.0  # s between two manifests, at least
 SHARE_OF_MANIFESTS = 0.01  # of the time, at most; those of a large dataset take seconds
 MANY = 10_000  # scenes, whose settings take a second to draw
+DESCRIBED = ("plan.toml", MANIFEST, *CARD)
 
 
-@dataclass(frozen=True)
-class Asked:
-    """Requests of a command besides its plan: where scenes are made, what may be overwritten, and a store
-    that has the dataset, too."""
-
-    cluster: Cluster = field(default_factory=Cluster)
-    replace: bool = False
-    quiet: bool = False
-    store: Path | None = None
-
-
-def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
+def make_dataset(
+    plan: Plan,
+    out: Path,
+    cluster: Cluster | None = None,
+    *,
+    replace: bool = False,
+    quiet: bool = False,
+    store: Path | None = None,
+) -> None:
     """Make what is missing of a dataset; what is done stays as it is.
+
+    cluster : where scenes are made; None: on all cores. replace : scenes of other settings are made anew.
+    store : that has the dataset, too.
 
     Raises
     ------
@@ -53,50 +54,44 @@ def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
     OSError : it cannot be written; what is finished stays.
     IncompleteError : scenes were set aside; all others are there.
     """
-    if not asked.quiet and plan.count > MANY:
+    if not quiet and plan.count > MANY:
         print(f"Drawing the settings of {plan.count:,} scenes", file=sys.stderr, flush=True)
     wanted = recipes(plan)
-    try:
-        with only_one(out):
-            _make(plan, wanted, out.resolve(), asked)
-    except OSError as problem:
-        if problem.errno is not None and problem.filename is not None and not out.is_dir():
-            raise SpecError(f"--out {out}", f"cannot be written to ({problem.strerror})") from None
-        raise
-
-
-def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None:
-    disk.clean(out)
-    claim(*(out / name for name in ("plan.toml", MANIFEST, *CARD)))
-    if asked.store is not None:
-        claim_store(asked.store, "a dataset", goes_on=True)
-        there = asked.store / disk.SCENES  # finished scenes that this folder has not
-        for scene in sorted(there.iterdir()) if there.is_dir() else ():
-            final = out / disk.SCENES / scene.name
-            if scene.name.isdigit() and not final.exists() and (scene / disk.RECORD).is_file():
-                partial = disk.begin(out, int(scene.name))
-                fetch(scene, partial)
-                os.rename(partial, final)
-    missing = _missing(wanted, out, asked.replace)
-    import tomli_w
-
-    made = ", ".join(f"{name} {number}" for name, number in versions().items())
-    head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
-    write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
-    rows = make_scenes(plan, wanted, missing, out, asked)
-    if missing or not (out / "README.md").is_file():
-        write_card(plan, wanted, out)
-    if asked.store is not None:
-        copy_to(asked.store, out)
-    lost = [row for row in rows if row["status"] != "done"]
-    if not asked.quiet:
+    with only_one(out):
+        out = out.resolve()
+        disk.clean(out)
+        claim(*(out / name for name in DESCRIBED))
+        if store is not None:
+            claim_store(store, "a dataset", goes_on=True)
+            _fetch_scenes(store, out)
+        missing = _missing(wanted, out, replace)
+        made = ", ".join(f"{name} {number}" for name, number in versions().items())
+        head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
+        write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
+        rows = make_scenes(plan, wanted, missing, out, cluster or Cluster(), quiet, store)
+        if missing or not (out / "README.md").is_file():
+            write_card(plan, wanted, out)
+        if store is not None:
+            copy_to(store, out)
+    lost = [row["scene"] for row in rows if row["status"] != "done"]
+    if not quiet:
         print(f"Done: {len(rows) - len(lost)} of {len(rows)} scenes in {out}", file=sys.stderr)
     if lost:
         raise IncompleteError(
-            f"{_named([row['scene'] for row in lost])} could not be made; manifest.csv says why, the others "
-            "are "
-            f"in {out}. The same command tries again"
+            f"{_named(lost)} could not be made; manifest.csv says why, the others are in {out}. "
+            "The same command tries again"
         )
+
+
+def _fetch_scenes(store: Path, out: Path) -> None:
+    """Take finished scenes from a store that the folder has not."""
+    there = store / disk.SCENES
+    for scene in sorted(there.iterdir()) if there.is_dir() else ():
+        final = out / disk.SCENES / scene.name
+        if scene.name.isdigit() and not final.exists() and (scene / disk.RECORD).is_file():
+            partial = disk.begin(out, int(scene.name))
+            fetch(scene, partial)
+            os.rename(partial, final)
 
 
 def _copy_scene(folder: Path, store: Path) -> None:
@@ -117,13 +112,19 @@ def copy_to(store: Path, out: Path) -> None:
     """
     for done in disk.scenes_done(out):
         _copy_scene(done.folder, store)
-    told = [out / name for name in ("plan.toml", MANIFEST, *CARD)]
+    told = [out / name for name in DESCRIBED]
     told += [path for name in ("splits", disk.FOLDER) for path in sorted(out.glob(f"{name}/*"))]
     put(out, [path.relative_to(out).as_posix() for path in told if path.is_file()], store)
 
 
 def make_scenes(
-    plan: Plan, wanted: Sequence[Recipe], missing: Sequence[Recipe], out: Path, asked: Asked
+    plan: Plan,
+    wanted: Sequence[Recipe],
+    missing: Sequence[Recipe],
+    out: Path,
+    cluster: Cluster,
+    quiet: bool = False,
+    store: Path | None = None,
 ) -> list[dict[str, Any]]:
     """Make those of a plan's scenes that are missing; returns the manifest's rows, of all scenes.
 
@@ -132,15 +133,14 @@ def make_scenes(
     SpecError : the cluster cannot be used.
     OSError : a scene cannot be written, or the cluster went away; what is finished stays.
     """
-    memory, threads = asked.cluster.shares(len(missing), plan.running)
+    memory, threads = cluster.shares(len(missing), plan.running)
     jobs = [SceneJob(out, recipe, plan.running, memory, threads) for recipe in missing]
     refresh = time.monotonic() + REFRESH
-    done = len(wanted) - len(missing)
     with tqdm(
         total=len(wanted),
-        initial=done,
+        initial=len(wanted) - len(missing),
         unit="scene",
-        disable=asked.quiet,
+        disable=quiet,
         file=sys.stderr,
         smoothing=0.1,
     ) as bar:
@@ -148,9 +148,9 @@ def make_scenes(
         def report(outcome: SceneOutcome) -> None:
             nonlocal refresh
             bar.update()
-            if asked.store is not None and outcome.kind == "done":
-                _copy_scene(out / disk.SCENES / disk.scene_name(outcome.scene), asked.store)
-            if outcome.kind not in ("done", "stopped") and not asked.quiet:
+            if store is not None and outcome.kind == "done":
+                _copy_scene(out / disk.SCENES / disk.scene_name(outcome.scene), store)
+            if outcome.kind not in ("done", "stopped") and not quiet:
                 said = f"  scene {outcome.scene:06d} is set aside: {outcome.why}"
                 bar.write(plain(said), file=sys.stderr)
             if time.monotonic() > refresh:
@@ -160,9 +160,9 @@ def make_scenes(
                 refresh = started + max(REFRESH, took / SHARE_OF_MANIFESTS)
 
         try:
-            make_all(jobs, asked.cluster, report)
+            make_all(jobs, cluster, report)
         except BaseException:
-            if not asked.cluster.is_elsewhere:
+            if not cluster.is_elsewhere:
                 disk.clean(out)  # of scenes that were being made
             raise
         finally:
@@ -171,7 +171,7 @@ def make_scenes(
 
 
 def _missing(wanted: Sequence[Recipe], out: Path, replace: bool) -> list[Recipe]:
-    """Plan of what is to be made.
+    """Scenes that are to be made, of which nothing is left in the folder.
 
     Raises
     ------

@@ -55,7 +55,7 @@ from forest_addon.stand.plan import LOW, labels
 from forest_addon.stand.wind import sway_of
 
 from ..progress import hushed
-from .for_instance import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance
+from .formats import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance
 from .place import FILE, heights_of, place_sensors
 from .plan import Recipe
 from .settings import Ground, Keep, Placing

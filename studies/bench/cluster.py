@@ -25,7 +25,6 @@ from typing import Any
 
 from ..inside import (
     PLANS,
-    Asked,
     Cluster,
     Plan,
     Recipe,
@@ -113,18 +112,18 @@ def trial(
     plan, wanted = planned
     out, scenes = folder / "data", len(wanted)
     with simulated_cluster(folder, workers, mean) as (address, processes, scheduler):
-        asked = Asked(Cluster(scheduler=address, make=simulate), quiet=True)
+        cluster = Cluster(scheduler=address, make=simulate)
         began, cpu = time.monotonic(), time.process_time()
         if loss:
             lost = processes[: -(-len(processes) // 4)]
             watch = threading.Thread(target=_lose, args=(out, scenes, lost))
             watch.start()
             with contextlib.suppress(CommandEndedError), _ends_at(signal.SIGUSR1):
-                make_scenes(plan, wanted, wanted, out, asked)
+                make_scenes(plan, wanted, wanted, out, cluster, quiet=True)
             watch.join()
         there = {one.number for one in disk.scenes_done(out)}
         missing = [recipe for recipe in wanted if recipe.number not in there]
-        rows = make_scenes(plan, wanted, missing, out, asked)
+        rows = make_scenes(plan, wanted, missing, out, cluster, quiet=True)
         wall, command = time.monotonic() - began, time.process_time() - cpu
         waited = sum(seconds_of(recipe.seed, mean) for recipe in wanted)
         return ClusterTrial(

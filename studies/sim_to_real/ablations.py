@@ -21,7 +21,6 @@ from forest_addon.api import SpecError
 
 from ..inside import (
     ASSETS,
-    Asked,
     Cluster,
     Say,
     find_plan,
@@ -160,7 +159,7 @@ def run_ablations(
         count = 2 * plots if way.name == ALL else plots
         path = write_plan_of(way, out / way.name.replace('"', "").replace(" ", "-"), count, seed)
         began = time.process_time()
-        make_dataset(read_plan(path), path.parent / "plots", Asked(Cluster(workers=1), quiet=True))
+        make_dataset(read_plan(path), path.parent / "plots", Cluster(workers=1), quiet=True)
         ours = read_plots(path.parent / "plots")
         scores += _scores(way.name, ours[:plots], real, seeds, seed)
         if way.name == ALL:

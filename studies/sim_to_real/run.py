@@ -26,7 +26,6 @@ from scipy.spatial import cKDTree
 from forest_addon.api import SpecError
 
 from ..inside import (
-    Asked,
     Cluster,
     Say,
     disk,
@@ -301,7 +300,7 @@ def run_study(
     needs_extras()
     began = time.process_time()
     plan = read_plan(find_plan(PLAN), [f"count={plots}", f"seed={seed}", JOINED])
-    make_dataset(plan, out / "plots", Asked(Cluster(workers=1), quiet=False))
+    make_dataset(plan, out / "plots", Cluster(workers=1), quiet=False)
     plain = read_plots(out / "plots")
     ours = blurred_plots(plain, seed)
     real = list(measured_trees(data / "wood")) if data else []

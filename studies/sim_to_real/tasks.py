@@ -21,7 +21,6 @@ from scipy.optimize import linear_sum_assignment
 from forest_addon.api import SpecError
 
 from ..inside import (
-    Asked,
     Cluster,
     Say,
     disk,
@@ -86,7 +85,7 @@ def run_tasks(
         said = "is not there; in an environment of its own: pip install 3DFin 'scipy<1.17'"
         raise SpecError(f"--tool {tool}", said)
     plan = read_plan(find_plan(PLAN), [f"count={plots}", f"seed={seed}"])
-    make_dataset(plan, out / "plots", Asked(Cluster(workers=1), quiet=True))
+    make_dataset(plan, out / "plots", Cluster(workers=1), quiet=True)
     findings = TaskFindings([], {}, {})
     for name, kind, points, truth in [*_ours(out / "plots"), *_real(data)]:
         told = run_tool(program, points, out / "tool" / name)

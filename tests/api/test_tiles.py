@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import api as forest
 from forest_addon.blender.files.export import empty_file
 from forest_addon.tiles import TABLES, TiledForest
-from headless.dataset.factory import Asked, make_dataset
+from headless.dataset.factory import make_dataset
 from headless.dataset.plan import read_plan
 
 FIELD = forest.Forest(size=(64.0, 10.0), margin=4.0, undergrowth="none")
@@ -214,5 +214,5 @@ def test_a_plan_of_many_scenes_takes_no_tiles(tmp_path):
     file = tmp_path / "p.toml"
     file.write_text("[scene.tiles]\nsize = 10.0\n[scene.forest]\nsize = [5.0, 5.0]\n")
     with pytest.raises(forest.SpecError, match="tiles"):
-        make_dataset(read_plan(file, ["count=2"]), tmp_path / "out", Asked(quiet=True))
+        make_dataset(read_plan(file, ["count=2"]), tmp_path / "out", quiet=True)
     assert not (tmp_path / "out").exists()

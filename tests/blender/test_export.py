@@ -17,8 +17,14 @@ from mathutils import Matrix, Vector
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
-from forest_addon.blender.files.export import empty_file, export_glb, export_usd, open_file
-from forest_addon.blender.files.tree_files import ENDINGS, read_groups
+from forest_addon.blender.files.export import (
+    ENDINGS,
+    empty_file,
+    export_glb,
+    export_usd,
+    open_file,
+    read_groups,
+)
 from forest_addon.blender.scene import nodes
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.layout import TREES, VARIANTS, part

@@ -61,8 +61,7 @@ def test_a_corner_that_is_not_there_is_told_by_its_own_line(tmp_path):
 def test_what_blender_passes_over_in_an_obj_is_refused(tmp_path, text, encoding):
     """Its importer makes 0 of NaN and 1 of 1,5, and leaves out a line after a byte order mark."""
     pytest.importorskip("bpy")
-    from forest_addon.blender.files.export import open_file
-    from forest_addon.blender.files.tree_files import read_groups
+    from forest_addon.blender.files.export import open_file, read_groups
 
     (tmp_path / "t.obj").write_text(text, encoding)
     for read in (read_obj, open_file, read_groups):

@@ -11,7 +11,7 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import remove_partial_files, replacing
 from forest_addon.formats.table import unquoted, write_csv, write_numbers
 from forest_addon.formats.tree_map import read_tree_map
-from forest_addon.results.figures import facts, words
+from forest_addon.results.kind import facts, words
 from forest_addon.results.kinds import RESULTS, figures_of
 from forest_addon.results.reverb import of_response
 from forest_addon.sensing.reverb.channels import ImpulseResponse

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.api.site import Site
+from forest_addon.api.world import Site
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings

@@ -27,8 +27,7 @@ from ...blender.show.cloud import (
 )
 from ...blender.show.sound import give_sound
 from ...results.coordinates import NO_OFFSET, Offset
-from ...results.figures import Figure, of_forest
-from ...results.kind import Finding
+from ...results.kind import Figure, Finding, of_forest
 from ...results.kinds import figures_of, results_of, sentence_of
 from ...results.labels import labels_by_material, labels_by_object, labels_by_species
 from ...results.packed import read_values, write_values

@@ -8,7 +8,7 @@ whoever adds or removes tags the scene.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,7 +18,7 @@ from ...sensing.kinds import KINDS
 from ...spec.choices import applies, is_advanced
 from ..shell.running import Button
 from ..shell.views import chosen
-from ..shell.words import keep, label
+from ..shell.words import keep, label, label_kept
 from . import hills
 from .exchange import forestless, untouched
 from .groups import FACE, PARTS
@@ -29,6 +29,7 @@ BIG = 1.4  # heights of a row: the buttons that start work
 NARROW = 210  # pixels, of an interface in its usual size
 LETTERS = 10  # of a name that a number leaves room for where it is narrow
 OF_FOREST = "OUTLINER_OB_CURVES"
+NO_TITLES: Mapping[str, str] = {}
 
 
 def icon_of(kind: str) -> str:
@@ -99,9 +100,21 @@ def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     return column
 
 
-def folded(layout: bpy.types.UILayout, name: str) -> tuple[bpy.types.UILayout, Any]:
-    """Header and body of a part of a panel that is closed at first; None for a closed one's body."""
-    return layout.panel(name, default_closed=FOLDED)
+def open_parts(
+    layout: bpy.types.UILayout, group: Any, place: str, titles: Mapping[str, str] = NO_TITLES
+) -> Iterator[tuple[str, bpy.types.UILayout]]:
+    """Draw the header of each part of a group; gives the name and the body of those that are open.
+
+    place : of the parts, by which Blender knows which are open. titles : of parts that have another.
+    """
+    for name in group.nested:
+        header, body = layout.panel(f"FOREST_{place}_{name}", default_closed=FOLDED)
+        if has(type(group), f"use_{name}"):
+            header.prop(group, f"use_{name}", text="")
+        header.label(text=label_kept(titles.get(name) or name_in(type(group), name)))
+        if body is not None:
+            body.active = getattr(group, f"use_{name}", True)
+            yield name, body
 
 
 def draw_settings(
@@ -131,6 +144,12 @@ def _by_depth(kind: type) -> tuple[tuple[str, ...], tuple[str, ...]]:
     every: tuple[str, ...] = kind.shown  # type: ignore[attr-defined]
     basic = tuple(name for name in every if not is_advanced(settings, name))
     return every, every if basic == every else basic
+
+
+@functools.cache
+def has(kind: type, name: str) -> bool:
+    """Return whether a class of settings has a property; looked up once."""
+    return name in kind.bl_rna.properties  # type: ignore[attr-defined]
 
 
 @functools.cache

@@ -1,4 +1,5 @@
-"""Species: chosen by picture, taken into properties and changed, recognised in files, saved, made assets.
+"""Species: chosen by picture, taken into properties and changed, recognised in files, saved, made assets; the
+sub-panel *Species*, and the settings of one that is edited.
 
 Folders are looked into when species are first drawn, and not again; ``refresh`` takes note of a new file.
 Pictures of what is planted are read then, the others by Blender when the menu is opened.
@@ -29,7 +30,16 @@ from ...formats.atomic import replacing
 from ...formats.toml_file import read_settings, write_settings
 from ...spec import SpecError
 from ..settings import exchange
-from ..settings.drawing import split
+from ..settings.drawing import (
+    WithForest,
+    draw_list,
+    draw_settings,
+    has,
+    is_narrow,
+    name_in,
+    open_parts,
+    split,
+)
 from ..settings.preferences import library_folder, species_folder
 from ..shell.running import (
     Button,
@@ -41,6 +51,7 @@ from ..shell.running import (
     dropped,
     getting_ready,
     long_button,
+    panel,
     press,
 )
 from ..shell.views import PLANTED, chosen_planting, icons
@@ -453,7 +464,7 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, Taking):
 )
 def _make_species(pressed: bpy.types.Operator, context: bpy.types.Context) -> Work:
     """Recognise a tree in files, keep it as a species and plant it"""
-    from ...blender.files.tree_files import read_parts
+    from ...blender.files.export import read_parts
     from ...blender.scene.assets import on_paper
     from ...formats.raster_file import write_png
     from ...growth.library import Brought, Library, check_name, make_library
@@ -522,3 +533,115 @@ def title_from(wood: Path) -> str:
     """A name for the species from its file, or from the folder where the file is just called wood."""
     plain = wood.stem.lower() in OF_WOOD and wood.parent.name
     return file_name(wood.parent.name if plain else wood.stem)
+
+
+GROWN = ("siblings", "rules", "honda", "crown")  # in place of the grammar
+SPREADS = {"FOREST_PG_normal": ("mean", "sd"), "FOREST_PG_discrete": ("values", "weights")}
+
+
+@panel("Species", WithForest, bl_parent_id="FOREST_PT_forest", bl_order=0)
+def species(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    layout, props = tab.layout, context.scene.forest_sensing
+    draw_list(layout, props, "plantings", "planting")
+    halves = layout.column() if is_narrow() else layout.split(factor=0.5)
+    if chosen_planting(props) is not None:
+        halves.template_icon_view(
+            props, "species_picture", show_labels=True, scale=5.5, scale_popup=6.5
+        )
+    buttons = halves.column(align=True)
+    if not _is_edited(context):
+        buttons.operator("forest.edit_species", icon="GREASEPENCIL")
+    else:
+        buttons.operator("forest.build", icon="FILE_REFRESH")
+        buttons.operator("forest.save_species", icon="FILE_TICK")
+        buttons.operator("forest.discard_species", icon="LOOP_BACK")
+    buttons.separator()
+    buttons.operator("forest.import_tree", icon="IMPORT")
+    buttons.operator("forest.make_library", text="As Assets", icon="ASSET_MANAGER")
+
+
+def _is_edited(context: bpy.types.Context) -> bool:
+    return edited_item(context.scene.forest_sensing) is not None
+
+
+SECTIONS = {  # of a species: by what they do
+    "template": keep("Branches from STL Files"),
+    "siblings": keep("Trees Like That One"),
+    "grammar": keep("L-system of the Papers"),
+    "rules": keep("L-system of Your Own"),
+    "honda": keep("Branching by Angles and Ratios"),
+    "crown": keep("Crown That Fills a Shape"),
+    "architecture": keep("Limbs, Forks, Dead Branches"),
+    "targets": keep("Size to Reach"),
+    "needles": keep("Shoots of Needles"),
+    "jitter": keep("Natural Variation"),
+    "leaf": keep("Leaves"),
+    "inclination": keep("How Leaves Incline"),
+    "detail": keep("Detail of the Mesh"),
+    "look": keep("Colours"),
+    "bark": keep("Bark"),
+}
+
+
+@panel("Species Settings", WithForest, bl_parent_id="FOREST_PT_species", needs=_is_edited)
+def edited(tab: bpy.types.Panel, context: bpy.types.Context) -> None:
+    """The settings of an edited species, part by part."""
+    group = edited_item(context.scene.forest_sensing).settings
+    for part, body in open_parts(tab.layout, group, "species", SECTIONS):
+        body.active = body.active and not _is_idle(group, part)
+        _draw_part(body, getattr(group, part))
+    split(tab.layout).prop(group, "source")
+
+
+def _is_idle(group: Any, part: str) -> bool:
+    """Return whether a part of a species has no effect beside others that are in use."""
+    if part in ("grammar", "jitter"):
+        return any(getattr(group, f"use_{other}") for other in GROWN)
+    if part == "siblings":
+        return not group.use_template
+    return part == "detail" and group.use_template
+
+
+def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
+    """Numbers and texts first, then what is drawn from a distribution."""
+    wide = ("axiom", "productions", "constants", "symbols")  # texts of an L-system
+    long = [name for name in group.shown if name in wide]
+    draw_settings(split(layout), group, long)
+    kind = type(group)
+    for name in long:
+        layout.label(text=name_in(kind, name))
+        layout.prop(group, name, text="")
+    for name in group.nested:
+        if type(getattr(group, name)).__name__ in SPREADS:
+            _draw_spread(layout, group, name)
+        else:
+            layout.label(text=name_in(kind, name))
+            _draw_part(layout, getattr(group, name))
+
+
+def _draw_spread(layout: bpy.types.UILayout, owner: Any, name: str) -> None:
+    """A distribution in a line or two: what is drawn, and within which limits."""
+    group, kind = getattr(owner, name), type(owner)
+    first, second = SPREADS[type(group).__name__]
+    column = layout.column(align=True)
+    row = _line(column, name_in(kind, name))
+    if has(kind, f"use_{name}"):
+        row.prop(owner, f"use_{name}", text="")
+    row.prop(group, first, text="")
+    row.prop(group, second, text="", placeholder="weights")
+    if has(type(group), "use_low"):
+        row = _line(column, label("Within"))
+        for limit in ("low", "high"):
+            row.prop(group, f"use_{limit}", text="")
+            value = row.row(align=True)
+            value.active = getattr(group, f"use_{limit}")
+            value.prop(group, limit, text="")
+
+
+def _line(column: bpy.types.UILayout, heading: str) -> bpy.types.UILayout:
+    """A row for several values, with a label to the left as other settings have it."""
+    halves = column.split(factor=0.4)
+    left = halves.row()
+    left.alignment = "RIGHT"
+    left.label(text=heading)
+    return halves.row(align=True)

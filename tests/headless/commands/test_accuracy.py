@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene, Sonar
-from headless.accuracy.sweep import AccuracySweep, Point, mean_and_spread, timed
+from headless.accuracy.sensors import AccuracySweep, Point, mean_and_spread, timed
 
 TODAY = Point({}, "today's", 1e-4, 0.0, 2.0)
 FAST = Point({"cull": 0.01}, "fast", 8e-4, 0.0, 1.0)

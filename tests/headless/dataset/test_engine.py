@@ -73,7 +73,7 @@ def test_a_process_that_is_killed_is_told_with_its_last_words(tmp_path):
     try:
         assert worker.start() == ""
         worker._process.kill()
-        found = worker._ask(time.monotonic() + 60, 1e12, engine._is_ready)
+        found = worker._answer(time.monotonic() + 60, 1e12)
         assert found.kind == "crash"
         assert found.why.startswith("Blender's process was ended by signal 9")
         (tmp_path / "scenes").write_text("no folder")
