@@ -1,4 +1,4 @@
-"""The panel *Sensors*: which there are, how they are set, what runs them; objects as sensors see them; flyers.
+"""The panel *Sensors*: which there are, how they are set, what runs them; objects as sensors see them.
 
 Whether an object is seen, how much light it sends back and whether it is a mirror, glass or water stays what
 it is without the add-on, custom properties of the object (``blender/read``); here it gets names, limits and
