@@ -42,10 +42,10 @@ def main(arguments: list[str] | None = None) -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     ui.register()
     try:
-        for card in GALLERY:
-            if not given.names or card.preset in given.names:
-                path = given.out / f"{card.preset}.jpg"
-                take_picture(card.preset, path)
+        for preset in GALLERY:
+            if not given.names or preset in given.names:
+                path = given.out / f"{preset}.jpg"
+                take_picture(preset, path)
                 print(f"{path}: {path.stat().st_size / 1e3:.1f} kB", flush=True)
     finally:
         ui.unregister()

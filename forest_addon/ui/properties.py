@@ -64,72 +64,74 @@ for _settings in (
     _make_group(_settings)
 
 
-class FOREST_PG_sensor(bpy.types.PropertyGroup):
-    """The settings of a sensor, on its object: a group for each kind, of which that of its own is used."""
-
-    __annotations__ = {
-        kind: PointerProperty(type=GROUPS[cls]) for kind, cls in spec.SENSORS.items()
-    }
-
-
-class FOREST_PG_edited(bpy.types.PropertyGroup):
-    """A species that is edited in this file; ``name`` is what plantings call it."""
-
-    name: StringProperty()
-    origin: StringProperty(description="What it was made from, as a planting calls that")
-    folder: StringProperty(description="Folder that its STL files start from", subtype="DIR_PATH")
-    settings: PointerProperty(type=GROUPS[spec.Species])
-
-
-class FOREST_PG_figure(bpy.types.PropertyGroup):
-    """One line of a result: what, how much; in English, with what says it in another language."""
-
-    name: StringProperty()
-    value: StringProperty()
-    made_of: StringProperty()
-
-
-class FOREST_PG_legend(bpy.types.PropertyGroup):
-    """Meaning of a colour of a cloud, where its menu is set to ``choice``."""
-
-    name: StringProperty()
-    choice: StringProperty()
-    colour: FloatVectorProperty(size=3)
-
-
-class FOREST_PG_frame(bpy.types.PropertyGroup):
-    """Result of one frame."""
-
-    frame: IntProperty()
-    said: StringProperty(description="Figures and legend")
-    points: PointerProperty(type=bpy.types.Mesh)
-    picture: PointerProperty(type=bpy.types.Image)
-    sound: PointerProperty(type=bpy.types.Sound)
-    found: StringProperty(subtype="BYTE_STRING")
-
-
-class FOREST_PG_result(bpy.types.PropertyGroup):
-    """Result of a run; ``name`` says of which sensor, ``kind`` which kind of thing it is."""
-
-    name: StringProperty()
-    kind: StringProperty()
-    title: StringProperty(name="Title", description="What this result is called here")
-    stale: BoolProperty(description="Found before the forest was grown anew")
-    opened: BoolProperty(
-        name="Open", description="Show figures and picture; the newest result is", default=True
+# The settings of a sensor, on its object: a group for each kind, of which that of its own is used.
+FOREST_PG_sensor = group_class(
+    "sensor", {kind: PointerProperty(type=GROUPS[cls]) for kind, cls in spec.SENSORS.items()}
+)
+FOREST_PG_edited = group_class(  # a species that is edited in this file
+    "edited",
+    {
+        "name": StringProperty(),  # what plantings call it
+        "origin": StringProperty(description="What it was made from, as a planting calls that"),
+        "folder": StringProperty(
+            description="Folder that its STL files start from", subtype="DIR_PATH"
+        ),
+        "settings": PointerProperty(type=GROUPS[spec.Species]),
+    },
+)
+FOREST_PG_figure = group_class(  # a line of a result: what, how much
+    "figure",
+    {
+        "name": StringProperty(),
+        "value": StringProperty(),  # in English
+        "made_of": StringProperty(),  # what says it in another language
+    },
+)
+FOREST_PG_legend = (
+    group_class(  # the meaning of a colour of a cloud, where its menu is set to ``choice``
+        "legend",
+        {
+            "name": StringProperty(),
+            "choice": StringProperty(),
+            "colour": FloatVectorProperty(size=3),
+        },
     )
-    figures: CollectionProperty(type=FOREST_PG_figure)
-    summary: PointerProperty(type=FOREST_PG_figure)
-    shown: StringProperty(description="Object with what was found")
-    file: StringProperty(subtype="FILE_PATH", description="File with what was found")
-    picture: PointerProperty(type=bpy.types.Image)
-    caption: StringProperty()
-    found: StringProperty(
-        subtype="BYTE_STRING",
-        description="What was found, where the points of an object are not all of it",
-    )
-    legend: CollectionProperty(type=FOREST_PG_legend)
-    frames: CollectionProperty(type=FOREST_PG_frame)
+)
+FOREST_PG_frame = group_class(  # the result of one frame
+    "frame",
+    {
+        "frame": IntProperty(),
+        "said": StringProperty(description="Figures and legend"),
+        "points": PointerProperty(type=bpy.types.Mesh),
+        "picture": PointerProperty(type=bpy.types.Image),
+        "sound": PointerProperty(type=bpy.types.Sound),
+        "found": StringProperty(subtype="BYTE_STRING"),
+    },
+)
+FOREST_PG_result = group_class(  # the result of a run
+    "result",
+    {
+        "name": StringProperty(),  # of the sensor
+        "kind": StringProperty(),
+        "title": StringProperty(name="Title", description="What this result is called here"),
+        "stale": BoolProperty(description="Found before the forest was grown anew"),
+        "opened": BoolProperty(
+            name="Open", description="Show figures and picture; the newest result is", default=True
+        ),
+        "figures": CollectionProperty(type=FOREST_PG_figure),
+        "summary": PointerProperty(type=FOREST_PG_figure),
+        "shown": StringProperty(description="Object with what was found"),
+        "file": StringProperty(subtype="FILE_PATH", description="File with what was found"),
+        "picture": PointerProperty(type=bpy.types.Image),
+        "caption": StringProperty(),
+        "found": StringProperty(
+            subtype="BYTE_STRING",
+            description="What was found, where the points of an object are not all of it",
+        ),
+        "legend": CollectionProperty(type=FOREST_PG_legend),
+        "frames": CollectionProperty(type=FOREST_PG_frame),
+    },
+)
 
 
 PLAIN = {field.name: field for field in fields_of(spec.Scene)}

@@ -10,9 +10,7 @@ import bpy
 
 from ..settings.drawing import (
     BIG,
-    Listed,
     OfForest,
-    Row,
     Tab,
     buttons,
     draw_field,
@@ -55,14 +53,14 @@ WIDE = 2.0  # metres, of a clearing that a button makes
 UNIT = (keep("A unit counts as 1 m here:"), keep("set Scene > Unit Scale to 1"))
 
 
-def _planting_row(item: Any) -> Row:
+def _planting_row(item: Any) -> tuple[str, str, str]:
     edited = item.species.startswith(EDITED)
     known = item.standing >= 0
     count = item.standing if known else item.expected
     number = label("1 tree") if count == 1 else label("{expected:g} trees", expected=count)
     if known and item.use_expected and round(item.expected) != count:
         number = label("{standing:,} of {asked:g} trees", standing=count, asked=item.expected)
-    return Row(
+    return (
         title_of(item.species) or label("(no species)"),
         "GREASEPENCIL" if edited else "OUTLINER_OB_CURVES",
         number if known or item.use_expected else "",
@@ -91,40 +89,48 @@ CLASSES = (
     *buttons(
         "planting",
         "Planting",
-        Listed("plantings", _props),
+        "plantings",
+        _props,
+        "",
         "Plant one more species",
         lambda _context: {"species": "maple", "use_expected": True},
     ),
     rows(
         "gaussians",
         "Hills of a species' intensity",
-        lambda item: Row(
-            _place(item.centre), "MESH_CIRCLE", label("peak {height:.3g}", height=item.peak)
+        lambda item: (
+            _place(item.centre),
+            "MESH_CIRCLE",
+            label("peak {height:.3g}", height=item.peak),
         ),
     ),
     *buttons(
         "gaussian",
         "Hill",
-        Listed("gaussians", _planting, NO_PLANTING),
+        "gaussians",
+        _planting,
+        NO_PLANTING,
         "Add a hill of the intensity function, in the middle of the field",
         lambda context: _hill(_props(context).forest),
     ),
     rows(
         "rasters",
         "Images of a species' intensity",
-        lambda item: Row(Path(item.file).name or label("(no file)"), "IMAGE_DATA", item.use),
+        lambda item: (Path(item.file).name or label("(no file)"), "IMAGE_DATA", item.use),
     ),
     *buttons(
         "raster",
         "Image",
-        Listed("rasters", _planting, NO_PLANTING),
+        "rasters",
+        _planting,
+        NO_PLANTING,
         "Add an image to the intensity function",
         lambda context: {n: getattr(_props(context).forest, n) for n in ("size", "origin")},
     ),
     rows(
         "distances",
         "Distances between pairs of species",
-        lambda item: Row(
+        lambda item: (
             f"{item.species or '?'}, {item.other or '?'}",
             "DRIVER_DISTANCE",
             f"{item.distance:g} m",
@@ -133,26 +139,30 @@ CLASSES = (
     *buttons(
         "distance",
         "Distance",
-        Listed("distances", lambda context: _props(context).forest),
+        "distances",
+        lambda context: _props(context).forest,
+        "",
         "Add a distance between trees of two species, at first of the chosen planting with itself",
         _distance,
     ),
     rows(
         "stems",
         "Stems that only reverb hears",
-        lambda item: Row(label("{count:,} stems", count=item.count), "MESH_CYLINDER"),
+        lambda item: (label("{count:,} stems", count=item.count), "MESH_CYLINDER", ""),
     ),
     *buttons(
         "stems",
         "Stems",
-        Listed("stems", _props),
+        "stems",
+        _props,
+        "",
         "Add trees that are upright cylinders only: reverb hears them, nothing is grown",
         lambda _context: {"count": 1000},
     ),
     rows(
         "by_hand",
         "Trees of a planting that were set by hand",
-        lambda item: Row(
+        lambda item: (
             _place(item.position, ".2f"),
             "OUTLINER_OB_CURVES",
             label("variant {number}", number=item.variant) if item.use_variant else "",
@@ -161,19 +171,23 @@ CLASSES = (
     *buttons(
         "hand_tree",
         "Tree",
-        Listed("by_hand", _planting, NO_PLANTING),
+        "by_hand",
+        _planting,
+        NO_PLANTING,
         "Set a tree by hand at the 3D cursor",
         lambda context: {"position": context.scene.cursor.location[:2]},
     ),
     rows(
         "clearings",
         "Discs that a planting keeps free",
-        lambda item: Row(_place(item.position, ".2f"), "MESH_CIRCLE", f"{item.radius:.3g} m"),
+        lambda item: (_place(item.position, ".2f"), "MESH_CIRCLE", f"{item.radius:.3g} m"),
     ),
     *buttons(
         "clearing",
         "Clearing",
-        Listed("clearings", _planting, NO_PLANTING),
+        "clearings",
+        _planting,
+        NO_PLANTING,
         "Keep a disc around the 3D cursor free of trees that are drawn",
         lambda context: {"position": context.scene.cursor.location[:2], "radius": WIDE},
     ),

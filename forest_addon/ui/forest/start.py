@@ -13,7 +13,6 @@ from __future__ import annotations
 import functools
 import textwrap
 import tomllib
-from dataclasses import dataclass
 from typing import ClassVar
 
 import bpy
@@ -34,47 +33,32 @@ ACROSS = 3  # cards in a row
 LETTERS, LINES = 36, 2  # below a picture
 
 
-@dataclass(frozen=True)
-class Card:
-    """A scene of the add-on as the gallery shows it."""
-
-    preset: str
-    title: str
-    words: str
-
-
-GALLERY = (
-    Card(
-        "demo",
+GALLERY = {  # scenes of the add-on with title and words, as the gallery shows them
+    "demo": (
         keep("One of Each"),
         keep("Maples and hazels with a tractor, a tripod, a bat and a clap"),
     ),
-    Card(
-        "maple-walk",
+    "maple-walk": (
         keep("A Walk in a Maple Stand"),
         keep("Turning beams on your back, carried in a bow through the trees"),
     ),
-    Card(
-        "conifer-drone",
+    "conifer-drone": (
         keep("A Drone over Conifers"),
         keep("Crowns from above: two legs at 45 m, lines across the way"),
     ),
-    Card(
-        "simlidar-orchard",
+    "simlidar-orchard": (
         keep("An Orchard and a Tractor"),
         keep("Rows of apple trees; a fan of beams that drives past them"),
     ),
-    Card(
-        "hedge-bat",
+    "hedge-bat": (
         keep("A Bat at a Hedge"),
         keep("One call towards a row of hazels, and what comes back of each leaf"),
     ),
-    Card(
-        "koli-summer",
+    "koli-summer": (
         keep("A Clap in Koli"),
         keep("Spruces and birches as in Finland, and how long a clap rings there"),
     ),
-)
+}
 
 
 class FOREST_OT_gallery(bpy.types.Operator):
@@ -104,27 +88,22 @@ def draw_gallery(layout: bpy.types.UILayout, operator: str) -> None:
     grid = layout.grid_flow(
         row_major=True, columns=ACROSS, even_columns=True, even_rows=True, align=False
     )
-    for card in GALLERY:
+    for preset, (title, help_of) in GALLERY.items():
         column = grid.box().column(align=True)
-        column.template_icon(icon_value=icon_of(card.preset), scale=7.0)
-        _draw_entry(column, operator, card.preset, label(card.title))
+        column.template_icon(icon_value=icon_of(preset), scale=7.0)
+        _draw_entry(column, operator, preset, label(title))
         lines = column.column(align=True)
         lines.active = False
-        words = textwrap.wrap(label(card.words), LETTERS)
+        words = textwrap.wrap(label(help_of), LETTERS)
         for line in words + [""] * (LINES - len(words)):  # cards of a row end at one height
             lines.label(text=line)
-
-
-def words_of(preset: str) -> str:
-    """Sentence on what one does with a preset; empty where the gallery does not show it."""
-    return next((label(card.words) for card in GALLERY if card.preset == preset), "")
 
 
 def icon_of(preset: str) -> int:
     """The number of a preset's picture; 0 where it has none."""
     name, file = f"scene/{preset}", PREVIEWS / f"{preset}.jpg"
     if name not in icons():
-        if not any(card.preset == preset for card in GALLERY) or not file.is_file():
+        if preset not in GALLERY or not file.is_file():
             return 0
         tuple(icons().load(name, str(file), "IMAGE").image_size)  # reads it now: no spinner
     return int(icons()[name].icon_id)
@@ -152,7 +131,9 @@ class _WithPreset:
 
     @classmethod
     def description(cls, _context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
-        return words_of(given.preset) or say(cls.__doc__ or "")
+        if given.preset in GALLERY:
+            return label(GALLERY[given.preset][1])
+        return say(cls.__doc__ or "")
 
 
 class FOREST_OT_start(_WithPreset, WhenReady, bpy.types.Operator):
@@ -212,9 +193,8 @@ def _others(name: str, starts: str) -> type:
 
     def draw(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
         """Set-ups of published papers, and further forests"""
-        shown = {card.preset for card in GALLERY}
         for file, title in presets():
-            if file not in shown:
+            if file not in GALLERY:
                 _draw_entry(menu.layout, starts, file, title)
 
     return menu("From Papers")(draw, name)
@@ -242,9 +222,8 @@ def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
     """The gallery and what it shows, the menu of every other preset, and the empty one."""
     layout.operator("forest.gallery", icon="IMGDISPLAY").new = operator == "forest.new"
     layout.separator()
-    for card in GALLERY:
-        title = label(card.title)
-        _draw_entry(layout, operator, card.preset, title, icon_value=icon_of(card.preset))
+    for preset, (title, _) in GALLERY.items():
+        _draw_entry(layout, operator, preset, label(title), icon_value=icon_of(preset))
     layout.separator()
     more = "FOREST_MT_more_new" if operator == "forest.new" else "FOREST_MT_more"
     layout.menu(more, icon="DOCUMENTS")

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from functools import cache, partial
 from math import degrees
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
@@ -34,11 +34,9 @@ from ..results.panel import draw_found
 from ..settings import references
 from ..settings.drawing import (
     BIG,
-    Listed,
     OfData,
     OfSensors,
     OnceStarted,
-    Row,
     buttons,
     draw_list,
     draw_listed,
@@ -227,62 +225,64 @@ CLASSES = (
     rows(
         "poses",
         "Poses of a moving scanner",
-        lambda item: Row(_place(item.position), "EMPTY_ARROWS", f"{item.time:g} s"),
+        lambda item: (_place(item.position), "EMPTY_ARROWS", f"{item.time:g} s"),
     ),
     rows(
         "places",
         "Further sources or receivers of a reverb",
-        lambda item: Row(_place(item.position), "EMPTY_AXIS"),
+        lambda item: (_place(item.position), "EMPTY_AXIS", ""),
     ),
     rows(
         "objects",
         "Objects that are further sources or receivers of a reverb",
         lambda item: (
-            Row(item.thing.name, "OBJECT_DATA") if item.thing else Row(item.name or "?", "ERROR")
+            (item.thing.name, "OBJECT_DATA", "") if item.thing else (item.name or "?", "ERROR", "")
         ),
     ),
     *buttons(
         "pose",
         "Pose",
-        Listed("poses", _poses_of, NO_SCANNER),
+        "poses",
+        _poses_of,
+        NO_SCANNER,
         "Add a place that the scanner passes, ten seconds and ten metres after the last",
         _next_pose,
     ),
     *buttons(
         "source",
         "Source",
-        Listed("sources", _reverb_of, NO_REVERB),
+        "sources",
+        _reverb_of,
+        NO_REVERB,
         "Add one more source, in the middle of the field",
         _middle,
     ),
     *buttons(
         "receiver",
         "Receiver",
-        Listed("receivers", _reverb_of, NO_REVERB),
+        "receivers",
+        _reverb_of,
+        NO_REVERB,
         "Add one more receiver, in the middle of the field",
         _middle,
     ),
     *buttons(
         "source_object",
         "Source Object",
-        Listed(
-            "source_objects_pointers",
-            _reverb_of,
-            NO_REVERB,
-            lambda reverb: references.listed_anew(reverb, "source_objects"),
-        ),
+        "source_objects_pointers",
+        _reverb_of,
+        NO_REVERB,
         "Add a Speaker of the scene as one more source; pick it below",
+        changed=lambda reverb: references.listed_anew(reverb, "source_objects"),
     ),
     *buttons(
         "receiver_object",
         "Receiver Object",
-        Listed(
-            "receiver_objects_pointers",
-            _reverb_of,
-            NO_REVERB,
-            lambda reverb: references.listed_anew(reverb, "receiver_objects"),
-        ),
+        "receiver_objects_pointers",
+        _reverb_of,
+        NO_REVERB,
         "Add an Empty or a Camera of the scene as one more receiver; pick it below",
+        changed=lambda reverb: references.listed_anew(reverb, "receiver_objects"),
     ),
 )
 
@@ -323,32 +323,37 @@ def figures_of(file: ScannerFile, kind: str) -> str:
     return ", ".join(parts)
 
 
-class FOREST_OT_choose_instrument(bpy.types.Operator):
+def _instrument_in_words(_cls: type, context: bpy.types.Context, given: Any) -> str:
+    file, obj = instruments().get(given.scanner), chosen_sensor(context)
+    if file is None or obj is None or sensors.kind_of(obj) not in file.tables:
+        return say("All settings as they are, of no instrument")
+    figures = figures_of(file, sensors.kind_of(obj))
+    return say("{instrument}: {figures}", instrument=file.title, figures=figures)
+
+
+SCANS = (
+    lambda context: (
+        (obj := chosen_sensor(context)) is not None
+        and hasattr(spec.SENSORS[sensors.kind_of(obj)], "scanner")
+    ),
+    keep("Choose a scanner in the list of sensors first"),
+)
+
+
+@button(
+    "Instrument",
+    Button,
+    needs=(SCANS,),
+    bl_options={"REGISTER", "UNDO", "INTERNAL"},
+    scanner=bpy.props.StringProperty(name="Instrument"),
+    description=classmethod(_instrument_in_words),
+)
+def choose_instrument(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Start from an instrument's published figures"""
-
-    bl_label = "Instrument"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO", "INTERNAL"}
-
-    scanner: bpy.props.StringProperty(name="Instrument")
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        obj = chosen_sensor(context)
-        return obj is not None and hasattr(spec.SENSORS[sensors.kind_of(obj)], "scanner")
-
-    @classmethod
-    def description(cls, context: bpy.types.Context, settings: Any) -> str:
-        file, obj = instruments().get(settings.scanner), chosen_sensor(context)
-        if file is None or obj is None or sensors.kind_of(obj) not in file.tables:
-            return say("All settings as they are, of no instrument")
-        figures = figures_of(file, sensors.kind_of(obj))
-        return say("{instrument}: {figures}", instrument=file.title, figures=figures)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        obj = chosen_sensor(context)
-        group = getattr(obj.forest_sensor, sensors.kind_of(obj))
-        group.scanner = self.scanner  # what follows when it is set takes the figures
-        return {"FINISHED"}
+    obj = chosen_sensor(context)
+    group = getattr(obj.forest_sensor, sensors.kind_of(obj))
+    group.scanner = pressed.scanner  # what follows when it is set takes the figures
+    return ""
 
 
 def draw_instruments(menu: bpy.types.Menu, context: bpy.types.Context) -> None:

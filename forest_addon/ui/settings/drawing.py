@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import bpy
@@ -222,29 +221,6 @@ def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:
 Context = bpy.types.Context
 
 
-@dataclass(frozen=True)
-class Row:
-    """Row of a list; ``right`` stands at its end."""
-
-    text: str
-    icon: str
-    right: str = ""
-
-
-@dataclass(frozen=True)
-class Listed:
-    """A list of settings: the property ``items`` of its owner.
-
-    owner : the group that holds the list, None where there is none; ``no_owner`` says so then.
-    changed : what follows when an item was added or removed.
-    """
-
-    items: str
-    owner: Callable[[Context], Any]
-    no_owner: str = ""
-    changed: Callable[[Any], None] = lambda owner: None
-
-
 def draw_list(
     layout: bpy.types.UILayout, owner: Any, name: str, thing: str, shown: str = ""
 ) -> None:
@@ -266,17 +242,20 @@ def draw_listed(
         draw_settings(split(layout), chosen(owner, name))
 
 
-def rows(name: str, meaning: str, row_of: Callable[[Any], Row]) -> type[bpy.types.UIList]:
-    """The class that draws a list, FOREST_UL_NAME."""
+def rows(
+    name: str, meaning: str, row_of: Callable[[Any], tuple[str, str, str]]
+) -> type[bpy.types.UIList]:
+    """The class that draws a list, FOREST_UL_NAME. row_of : text and icon of an item, and what stands at the
+    end of its row."""
 
     def draw_item(_list, _context, layout, _data, item, _icon, _active, _name, _index=0) -> None:
-        row = row_of(item)
+        text, icon, right = row_of(item)
         line = layout.row(align=True)
-        line.label(text=row.text, icon=row.icon)
-        if row.right and not is_narrow():
+        line.label(text=text, icon=icon)
+        if right and not is_narrow():
             end = line.row()
             end.alignment = "RIGHT"
-            end.label(text=row.right)
+            end.label(text=right)
 
     body = {"__doc__": meaning, "draw_item": draw_item}
     return type(f"FOREST_UL_{name}", (bpy.types.UIList,), body)
@@ -285,18 +264,23 @@ def rows(name: str, meaning: str, row_of: Callable[[Any], Row]) -> type[bpy.type
 def buttons(
     thing: str,
     title: str,
-    listed: Listed,
+    items: str,
+    owner: Callable[[Context], Any],
+    no_owner: str,
     adds: str,
     start: Callable[[Context], dict[str, Any]] = lambda context: {},
+    changed: Callable[[Any], None] = lambda owner: None,
 ) -> tuple[type, type]:
-    """The operators forest.add_THING and forest.remove_THING.
+    """The operators forest.add_THING and forest.remove_THING of a list of settings.
 
-    title : what people call an item. adds : the help of the button that adds.
-    start : the first settings of a new item, which is the last of the list by then.
+    title : what people call an item. items : the property that is the list, of the group that ``owner``
+    gives; None where there is none, ``no_owner`` says so then. adds : the help of the button that adds.
+    start : the first settings of a new item, which is the last of the list by then. changed : what follows
+    when an item was added or removed.
     """
-    owned = (lambda context: listed.owner(context) is not None, listed.no_owner)
+    owned = (lambda context: owner(context) is not None, no_owner)
     empty = keep("The list is empty: there is nothing to remove")
-    filled = (lambda context: len(getattr(listed.owner(context), listed.items)) > 0, empty)
+    filled = (lambda context: len(getattr(owner(context), items)) > 0, empty)
     add, remove = (
         type(
             f"FOREST_OT_{verb}_{thing}",
@@ -305,7 +289,9 @@ def buttons(
                 "__doc__": words,
                 "bl_label": f"{verb.title()} {title}",
                 "needs": needs,
-                "listed": listed,
+                "items": items,
+                "owner": staticmethod(owner),
+                "changed": staticmethod(changed),
                 "start": start and staticmethod(start),
             },
         )
@@ -320,13 +306,13 @@ def buttons(
 class _Listing(Button):
     """A button that adds an item to a list, with ``start`` for its first settings; without, removes one."""
 
-    # Not ClassVar[Listed]: Blender 4.5 evaluates it, typing keeps what it evaluated, by that this module and
-    # by that bpy, which then cannot end: a process with bpy as a module would wait for ever.
-    listed: ClassVar[Any]
-    start: ClassVar[Any]
+    items: str
+    owner: Any
+    changed: Any
+    start: Any
 
     def act(self, context: Context) -> str:
-        owner, name = self.listed.owner(context), self.listed.items
+        owner, name = self.owner(context), self.items
         items, active = getattr(owner, name), getattr(owner, f"active_{name}")
         if self.start:
             item = items.add()
@@ -337,6 +323,6 @@ class _Listing(Button):
             items.remove(active)
         hills.renew(context.scene)
         setattr(owner, f"active_{name}", max(0, min(active, len(items) - 1)))
-        self.listed.changed(owner)
+        self.changed(owner)
         context.scene.update_tag()
         return ""

@@ -388,7 +388,7 @@ def test_choosing_an_instrument_is_the_same_as_in_python(sensor):
 
 def test_a_tooltip_says_range_rate_and_spread(sensor):
     sensor("terrestrial")
-    words = panels.FOREST_OT_choose_instrument.description(
+    words = panels.choose_instrument.description(
         bpy.context, type("Settings", (), {"scanner": "riegl-vz-400i"})()
     )
     assert words.startswith("RIEGL VZ-400i: ")
