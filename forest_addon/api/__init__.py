@@ -102,7 +102,7 @@ _LATER = {  # all but settings, imported when it is asked for
     **dict.fromkeys(
         ("Echoes", "PointCloud", "Response", "Result", "RowScan", "crowns"), ".results"
     ),
-    **dict.fromkeys(("Site", "build", "current", "read"), ".site"),
+    **dict.fromkeys(("Site", "build", "current", "read"), ".world"),
     **dict.fromkeys(("Tile", "TiledScan", "Tiling"), ".tiles"),
     "World": ".world",
     "Audit": "..sensing.audit",

@@ -18,7 +18,6 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.api import given as scanners_module
 from forest_addon.api import results as results_module
-from forest_addon.api import site as site_module
 from forest_addon.api import world as world_module
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.toml_file import structure
@@ -256,7 +255,7 @@ def test_without_blender(monkeypatch):
 @pytest.mark.medium
 def test_the_examples_run():
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    modules = (site_module, world_module, scanners_module, results_module)
+    modules = (world_module, scanners_module, results_module)
     found = [doctest.testmod(module) for module in modules]
     assert sum(each.attempted for each in found) >= 12
     assert not any(each.failed for each in found)

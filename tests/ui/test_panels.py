@@ -40,7 +40,7 @@ from forest_addon.ui.sensors.run import forest as run_forest
 from forest_addon.ui.settings import drawing, exchange, references
 from forest_addon.ui.settings.groups import fields_of
 from forest_addon.ui.shell import running
-from forest_addon.ui.species import panel as species_panel
+from forest_addon.ui.species import edit as species_panel
 from forest_addon.ui.species.edit import SPREADS
 
 

@@ -201,9 +201,7 @@ def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -
             x += half if variant else 0.0
             path = f"{ROOT}/{_named().get(species.name) or _guess(species, truth['height_m'])}"
             name = f"{species.name.replace('-', ' ').capitalize()} {variant + 1}"
-            mesh = to_mesh(name, tree.mesh)
-            for coat in coats:
-                mesh.materials.append(coat)
+            mesh = to_mesh(name, tree.mesh, coats)
             digest = fingerprint(tree.mesh)
             write_truth(mesh, f"{species.name}#{variant + 1} {digest}", species.name, tree)
             obj = bpy.data.objects.new(name, mesh)

@@ -14,7 +14,7 @@ a segment) and its leaves (a vertex at the centre of each), whose attributes are
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from weakref import WeakValueDictionary
 from zlib import crc32
 
@@ -37,9 +37,13 @@ from .instances import ASSET_KEY
 _written: WeakValueDictionary[tuple[str, tuple[int, ...], int], np.ndarray] = WeakValueDictionary()
 
 
-def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
-    """A new Blender mesh; leaves are shaded flat, the rest smooth."""
+def to_mesh(
+    name: str, mesh: TriMesh, coats: Iterable[bpy.types.Material | None] = ()
+) -> bpy.types.Mesh:
+    """A new Blender mesh with these materials; leaves are shaded flat, the rest smooth."""
     data = bpy.data.meshes.new(name)
+    for coat in coats:
+        data.materials.append(coat)
     count = len(mesh.triangles)
     if not count:
         return data

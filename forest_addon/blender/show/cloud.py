@@ -70,18 +70,20 @@ def legend_of(
 
     objects : names by the number of an instance. species : names by the number of a species.
     """
-    entries = _named("Organ", cloud.returns.organ, PART_NAMES, _of_organ)
-    entries += _named("Species", cloud.returns.species, species, _of_number)
-    entries += _named("Object", cloud.returns.instance, objects, _of_number)
-    entries += _scaled("Height", cloud.position[:, 2], "m")
-    entries += _scaled("Distance", cloud.returns.distance, "m")
-    entries += _scaled(
-        "Incidence", DEGREES * np.arccos(np.minimum(cloud.returns.cos_incidence, 1.0)), "°"
-    )
-    entries += _scaled("Width", 1e9 * cloud.width, "ns")
-    entries += _scaled("Scan Angle", DEGREES * cloud.scan_angle, "°")
-    entries += _scaled("Time", cloud.time, "s")
-    return entries + _scaled("Intensity", 10.0 * np.log10(np.maximum(cloud.intensity, 1e-20)), "dB")
+    incidence = DEGREES * np.arccos(np.minimum(cloud.returns.cos_incidence, 1.0))
+    decibels = 10.0 * np.log10(np.maximum(cloud.intensity, 1e-20))
+    return [
+        *_named("Organ", cloud.returns.organ, PART_NAMES, _of_organ),
+        *_named("Species", cloud.returns.species, species, _of_number),
+        *_named("Object", cloud.returns.instance, objects, _of_number),
+        *_scaled("Height", cloud.position[:, 2], "m"),
+        *_scaled("Distance", cloud.returns.distance, "m"),
+        *_scaled("Incidence", incidence, "°"),
+        *_scaled("Width", 1e9 * cloud.width, "ns"),
+        *_scaled("Scan Angle", DEGREES * cloud.scan_angle, "°"),
+        *_scaled("Time", cloud.time, "s"),
+        *_scaled("Intensity", decibels, "dB"),
+    ]
 
 
 def legend_of_heard(heard: Contributions) -> list[Entry]:
@@ -89,12 +91,12 @@ def legend_of_heard(heard: Contributions) -> list[Entry]:
     if not len(heard):
         return []
     quiet = 20.0 * np.log10(QUIETEST)
-    entries = [
+    loudness = [
         Entry("Loudness", f"{quiet * (1.0 - share) + 0.0:.0f} dB", tuple(on_map(USUAL_MAP, share)))
         for share in (1.0, 0.5, 0.0)
     ]
-    entries += _scaled("Delay", 1e3 * heard.delay, "ms")
-    return entries + _scaled("Distance", heard.distance, "m")
+    delay = _scaled("Delay", 1e3 * heard.delay, "ms")
+    return [*loudness, *delay, *_scaled("Distance", heard.distance, "m")]
 
 
 def _named(
@@ -176,14 +178,15 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
         "time": cloud.time,
     }.items():
         write(data, measure, values)
-    for label in ("tree", "species", "organ", "leaf"):
-        write(data, label, getattr(cloud.returns, label), "INT")
-    write(data, "object", cloud.returns.instance, "INT")
-    write(data, "pulse", cloud.pulse, "INT")
-    write(data, "return_number", cloud.number, "INT")
-    write(data, "number_of_returns", cloud.count, "INT")
-    if cloud.bounce is not None:
-        write(data, "bounce", cloud.bounce, "INT")
+    for label, numbers in {
+        **{name: getattr(cloud.returns, name) for name in ("tree", "species", "organ", "leaf")},
+        "object": cloud.returns.instance,
+        "pulse": cloud.pulse,
+        "return_number": cloud.number,
+        "number_of_returns": cloud.count,
+        **({} if cloud.bounce is None else {"bounce": cloud.bounce}),
+    }.items():
+        write(data, label, numbers, "INT")
     write(data, "organ_colour", of_organs(cloud.returns.organ), "FLOAT_COLOR")
     foreign = not np.isin(cloud.returns.organ, list(COLOUR_OF_ORGAN)).any()
     return _show(home, name, data, scan_group, "Object" if foreign and len(cloud) else "")

@@ -38,7 +38,6 @@ LEVEL, FROM_ABOVE = -0.055, -0.45  # how much a camera looks down, a metre forwa
 WHOLE = 1.06  # of the picture for what is seen from above: all of it, with an edge
 CAMERA, SUN, SKY = "Forest camera", "Forest sun", "Forest sky"
 LAWN, SUNK, FAR = "Forest lawn", 0.03, 3000.0  # m below the ground, m to each side
-FAR_CORNERS = ((-FAR, -FAR), (FAR, -FAR), (FAR, FAR), (-FAR, FAR))
 HAZE, WARM = (
     (0.78, 0.87, 0.94),
     (0.95, 0.78, 0.60),
@@ -117,11 +116,17 @@ def lay_lawn(scene: bpy.types.Scene, height: float) -> None:
 
     Views do not show it, so that *View All* frames the forest; sensors do not meet it.
     """
-    data = bpy.data.meshes.new(LAWN)
-    z = height - SUNK
-    data.from_pydata([(x, y, z) for x, y in FAR_CORNERS], [], [(0, 1, 2, 3)])
-    data.materials.append(bpy.data.materials.get(LAWN) or materials.ground(LAWN))
-    _lay(scene.collection, LAWN, data)
+    coat = bpy.data.materials.get(LAWN) or materials.ground(LAWN)
+    _lay(scene.collection, LAWN, _flat(LAWN, FAR, height - SUNK, coat))
+
+
+def _flat(name: str, far: float, height: float, coat: bpy.types.Material) -> bpy.types.Mesh:
+    """A level square that reaches so many metres to each side."""
+    data = bpy.data.meshes.new(name)
+    corners = [(-far, -far, height), (far, -far, height), (far, far, height), (-far, far, height)]
+    data.from_pydata(corners, [], [(0, 1, 2, 3)])
+    data.materials.append(coat)
+    return data
 
 
 def _lay(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.types.Object:
@@ -457,10 +462,7 @@ def _patches(plant: Plant) -> list[bpy.types.Mesh]:
         parts = [
             _set_down(grown[k % len(grown)], rng, plant.plants > 1) for k in range(plant.plants)
         ]
-        mesh = to_mesh(NAME, join(parts))
-        for coat in coats:
-            mesh.materials.append(coat)
-        made.append(mesh)
+        made.append(to_mesh(NAME, join(parts), coats))
     return made
 
 
@@ -548,19 +550,12 @@ def _hang(
     low, top = tree.mesh.vertices.min(axis=0), tree.mesh.vertices.max(axis=0)
     middle = (low[0] + top[0]) / 2
     above = tree.mesh.vertices * [1, 1, 0] + np.maximum(tree.mesh.vertices * [0, 0, 1], 0.0)
-    mesh = _coated(species, replace(tree.mesh, vertices=above))  # without its sunk foot
+    whole = replace(tree.mesh, vertices=above)  # without its sunk foot
+    mesh = to_mesh(species.name, whole, materials.coats_of(species))
     obj = bpy.data.objects.new(species.name, mesh)
     obj.scale = (size, size, size)
     obj.location = (x - middle * size, 0.0, z)
     scene.collection.objects.link(obj)
-
-
-def _coated(species: spec.Species, mesh: TriMesh) -> bpy.types.Mesh:
-    """A mesh in the bark and leaves of its species."""
-    made = to_mesh(species.name, mesh)
-    for material in materials.coats_of(species):
-        made.materials.append(material)
-    return made
 
 
 def _aim(scene: bpy.types.Scene, wide: float, high: float) -> None:
@@ -611,15 +606,12 @@ def render_closeup(
     view = SHOTS[shot](species, tree)
     empty_file()
     scene = bpy.context.scene
-    mesh = _coated(species, tree.mesh)
+    mesh = to_mesh(species.name, tree.mesh, materials.coats_of(species))
     scene.collection.objects.link(bpy.data.objects.new(species.name, mesh))
     set_stage(scene, size)
     lay_horizon(scene, np.zeros(2), FARTHEST, 0.0)
-    data, far = bpy.data.meshes.new("Close-up ground"), FARTHEST + 100  # level forest floor
-    corners = [(-far, -far, 0.0), (far, -far, 0.0), (far, far, 0.0), (-far, far, 0.0)]
-    data.from_pydata(corners, [], [(0, 1, 2, 3)])
-    data.materials.append(materials.ground("Close-up ground"))
-    scene.collection.objects.link(bpy.data.objects.new("Close-up ground", data))
+    floor = _flat("Close-up ground", FARTHEST + 100, 0.0, materials.ground("Close-up ground"))
+    scene.collection.objects.link(bpy.data.objects.new("Close-up ground", floor))
     rng = stream(3, "closeup")
     way = view.target - view.eye
     turn = math.atan2(way[1], way[0]) + rng.uniform(-0.7, 0.7, BEHIND)
@@ -633,7 +625,6 @@ def render_closeup(
         obj.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
         obj.scale = (float(rng.uniform(0.85, 1.1)),) * 3
         scene.collection.objects.link(obj)
-    way = view.target - view.eye
     grow_around(scene, view.eye[:2], math.atan2(way[1], way[0]), lambda place: np.zeros(len(place)))
     camera, data = scene.camera, scene.camera.data
     camera.location = view.eye

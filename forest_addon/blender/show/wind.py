@@ -148,9 +148,7 @@ def pieces_of(
     cut = split_pieces(mesh, sway.pieces(row, mesh))
     parts = [(which, mesh.select(rows)) for which, rows in cut]
     for place, (_, part) in enumerate(parts, len(home.objects)):
-        shape = to_mesh(f"{home.name} {place:06d}", part)
-        for coat in coats:
-            shape.materials.append(coat)
+        shape = to_mesh(f"{home.name} {place:06d}", part, coats)
         make_object(shape.name, shape, home)
     own = np.array([piece for piece, _ in parts], np.int64)
     maps = np.zeros((len(own), MODES, 3, COLUMNS), np.float32)

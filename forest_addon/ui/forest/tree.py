@@ -171,9 +171,7 @@ def _grow(
         species = replace(species, grammar=replace(species.grammar, generations=generations))
     tree = grow(species, template, stream(seed, "tree", name))
     mesh = tree.mesh if leaves else tree.mesh.select(tree.mesh.part != LEAF)
-    data = to_mesh(species.name, mesh)
-    for material in materials.coats_of(species):
-        data.materials.append(material)
+    data = to_mesh(species.name, mesh, materials.coats_of(species))
     data[SHAPE_OF] = name
     noted = data.forest_grown
     noted.grown, noted.seed, noted.generations, noted.leaves = name, seed, generations, leaves
