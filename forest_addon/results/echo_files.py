@@ -53,7 +53,7 @@ HEARD_UNITS = {
 
 
 def write_echo(
-    folder: Path, name: str, found: Echo | PingSeries, sonar: Sonar, offset: Sequence[float] = NONE
+    folder: Path, sonar: Sonar, found: Echo | PingSeries, offset: Sequence[float] = NONE
 ) -> list[Path]:
     """Write an echo or a flight; returns the files, the NPZ first.
 
@@ -63,11 +63,11 @@ def write_echo(
     ------
     OSError : a file cannot be written; what had its name before stays as it was.
     """
-    files = [folder / f"{name}.npz", folder / f"{name}.wav"]
+    files = [folder / f"{sonar.name}.npz", folder / f"{sonar.name}.wav"]
     write_echo_arrays(files[0], found, offset)
     write_echo_sound(files[1], found, sonar.time_expansion)
     if sonar.contributions:
-        files.append(folder / f"{name}-heard.npz")
+        files.append(folder / f"{sonar.name}-heard.npz")
         write_npz(files[2], on_the_map(heard_columns(found), offset), HEARD_UNITS)
     return files
 

@@ -134,7 +134,7 @@ class ResultKind:
     """Record of a result; its functions take the sensor's settings and what it found.
 
     figures : its figures; the scene, where it is known, for those that need it. arrays : named arrays of
-        what was found, with ``units`` by name; what is written where ``write`` and ``save`` say nothing else.
+        what was found, with ``units`` by name; what is written where ``write`` and ``saves`` say nothing else.
     labelled : the same for tables: variables and coordinates by name, each its dimensions, values and unit;
         what is known by ``arrays`` alone has dimensions without names.
     sentence : the most telling figure in a few words, ``keep``-ed for translators; empty: the first figure.
@@ -143,7 +143,7 @@ class ResultKind:
     doubts : what a user should be warned of, as a tolerance that was not reached.
     files : what a run's files are called after the sensor's name; "": it may be a folder.
     write : the files of a run in a folder, with the offset of the scene; the one of the data first.
-    endings, save : formats that a result is exported to, the usual one first, and how; labels are of points.
+    saves : how it is exported, by the ending of the file, the usual one first; labels are of points.
     plot : a picture of it; None: there is nothing to draw. points : it as points in the scene; None: it has
         none. is_cloud : points are all that it is. marks : what sounded where, to show in the scene.
     sound : samples (N, C) and rate in Hz, as it is played; None: it is silent. is_response : other sounds are
@@ -161,8 +161,9 @@ class ResultKind:
     doubts: Callable[[Any, Finding], tuple[str, ...]] = lambda *_: ()
     files: tuple[str, ...] = (".npz",)
     write: Callable[[Path, Any, Finding, Offset], list[Path]] | None = None
-    endings: tuple[str, ...] = (".npz", ".csv")
-    save: Callable[[Path, Any, Finding, Offset, Labels | None], None] | None = None
+    saves: Mapping[str, Callable[[Path, Any, Finding, Offset, Labels | None], None]] = field(
+        default_factory=dict
+    )
     plot: Callable[[Any, Finding], Plot | None] = lambda *_: None
     points: Callable[[Any, Finding], Cloud | None] = lambda *_: None
     is_cloud: bool = False
@@ -170,3 +171,8 @@ class ResultKind:
     sound: Callable[[Any, Finding], tuple[np.ndarray, float]] | None = None
     is_response: bool = False
     wet: Callable[[Any, Finding, np.ndarray, float], tuple[np.ndarray, float]] | None = None
+
+    @property
+    def endings(self) -> tuple[str, ...]:
+        """Endings of files that a result is exported to, the usual one first."""
+        return tuple(self.saves) or (".npz", ".csv")

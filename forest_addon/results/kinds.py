@@ -6,8 +6,6 @@ for.
 
 from __future__ import annotations
 
-import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,6 @@ import numpy as np
 
 from .. import kernels
 from ..base.labels import Labels
-from ..formats.atomic import write_whole
 from ..formats.table import write_csv, write_npz
 from ..sensing.kind import Seen
 from ..spec import Scene, Sensor, SpecError
@@ -110,11 +107,9 @@ def write_finding(
     ------
     OSError : it cannot be written; what had its name before stays as it was.
     """
-    write = results_of(sensor).write
-    if write is not None:
-        return write(folder, sensor, found, offset)
-    path = folder / f"{sensor.name}.npz"
-    record = results_of(sensor)
+    record, path = results_of(sensor), folder / f"{sensor.name}.npz"
+    if record.write is not None:
+        return record.write(folder, sensor, found, offset)
     write_npz(path, _arrays(record, found), dict(record.units))
     return [path]
 
@@ -140,12 +135,12 @@ def write_as(
     if ending not in record.endings:
         allowed = ", ".join(record.endings)
         raise SpecError(path.name, f'cannot be written as "{ending}"; use {allowed}')
-    if record.save is not None:
-        record.save(path, sensor, found, offset, labels)
+    if record.saves:
+        record.saves[ending](path, sensor, found, offset, labels)
     elif ending == ".csv":
         # Write arrays of one length as columns; (N, K) becomes K columns
         columns: dict[str, list[Any]] = {}
-        for name, array in _arrays(results_of(sensor), found).items():
+        for name, array in _arrays(record, found).items():
             rows = np.atleast_1d(array)
             if rows.ndim == 1:
                 columns[name] = rows.tolist()
@@ -154,10 +149,7 @@ def write_as(
                 columns |= {f"{name}_{number}": part.tolist() for number, part in enumerate(parts)}
         write_csv(path, columns)
     else:
-        with tempfile.TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
-            written = write_finding(Path(folder), replace(sensor, name="result"), found, offset)
-            (one,) = (file for file in written if file.name == f"result{path.suffix.lower()}")
-            write_whole(path, one.read_bytes())
+        write_npz(path, _arrays(record, found), dict(record.units))
 
 
 def _arrays(record: ResultKind, found: Finding) -> dict[str, np.ndarray]:

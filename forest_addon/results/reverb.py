@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..base.labels import Labels
 from ..base.rng import stream
 from ..base.words import keep
 from ..drawing.strips import Plot, sound_plot
@@ -226,42 +225,35 @@ def _doubts(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
 
 
 def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset) -> list[Path]:
-    path = folder / f"{reverb.name}.wav"
-    _write_sound(path, response)
-    arrays = folder / f"{reverb.name}.npz"
+    path, arrays = (folder / f"{reverb.name}{ending}" for ending in (".wav", ".npz"))
+    _save_sound(path, reverb, response)
     write_response(arrays, response)
     return [path, arrays]
 
 
-def _save(
-    path: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset, _labels: Labels | None
-) -> None:
-    if path.suffix.lower() == ".sofa":
-        # Measurements source by source and moment by moment, by receivers.
-        channels = response.channels
-        rows: dict[tuple, list[ImpulseResponse]] = {}
-        for one in channels:
-            rows.setdefault((one.at if one.at == one.at else None, one.source), []).append(one)
-        table = list(rows.values())
-        write_responses(
-            path,
-            np.array([[one.samples for one in row] for row in table]),
-            response.sample_rate,
-            np.array([row[0].source for row in table]),
-            np.array([[one.receiver for one in row] for row in table]),
-            reverb.name,
-            [one.channel.split(" to ", 1)[1] for one in table[0]],
-        )
-    elif path.suffix.lower() == ".csv":
-        samples = np.atleast_2d(channels_of(response).T)
-        write_csv(path, sound_columns(samples, response.sample_rate))
-    elif path.suffix.lower() == ".wav":
-        _write_sound(path, response)
-    else:
-        write_response(path, response)
+def _save_sofa(path: Path, reverb: Reverb, response: ImpulseResponse, *_: object) -> None:
+    """Write measurements source by source and moment by moment, by receivers."""
+    rows: dict[tuple, list[ImpulseResponse]] = {}
+    for one in response.channels:
+        rows.setdefault((one.at if one.at == one.at else None, one.source), []).append(one)
+    table = list(rows.values())
+    write_responses(
+        path,
+        np.array([[one.samples for one in row] for row in table]),
+        response.sample_rate,
+        np.array([row[0].source for row in table]),
+        np.array([[one.receiver for one in row] for row in table]),
+        reverb.name,
+        [one.channel.split(" to ", 1)[1] for one in table[0]],
+    )
 
 
-def _write_sound(path: Path, response: ImpulseResponse) -> None:
+def _save_table(path: Path, _reverb: Reverb, response: ImpulseResponse, *_: object) -> None:
+    samples = np.atleast_2d(channels_of(response).T)
+    write_csv(path, sound_columns(samples, response.sample_rate))
+
+
+def _save_sound(path: Path, _reverb: Reverb, response: ImpulseResponse, *_: object) -> None:
     write_wav(path, channels_of(response), response.sample_rate)
 
 
@@ -363,8 +355,12 @@ REVERB = ResultKind(
     doubts=_doubts,
     files=(".wav", ".npz"),
     write=_write,
-    endings=(".wav", ".npz", ".csv", ".sofa"),
-    save=_save,
+    saves={
+        ".wav": _save_sound,
+        ".npz": lambda path, _reverb, response, *_: write_response(path, response),
+        ".csv": _save_table,
+        ".sofa": _save_sofa,
+    },
     plot=_plot,
     sound=lambda _reverb, response: (channels_of(response), response.sample_rate),
     is_response=True,

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.labels import Labels
 from ..base.words import keep
 from ..drawing.strips import Plot, sound_plot
 from ..formats.table import write_csv
 from ..sensing.kind import Seen
 from ..sensing.sonar.echo import Echo, PingSeries
 from ..spec import Sonar, SonarReceiver
-from .coordinates import Offset
 from .echo_files import (
     received_arrays,
     recorded_unit,
@@ -236,19 +233,6 @@ def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
     yield shade.get(sonar.shading, both)
 
 
-def _write(folder: Path, sonar: Sonar, found: Finding, offset: Offset) -> list[Path]:
-    return write_echo(folder, sonar.name, found, sonar, offset)
-
-
-def _save(path: Path, sonar: Sonar, found: Finding, offset: Offset, _labels: Labels | None) -> None:
-    if path.suffix.lower() == ".csv":
-        write_csv(path, _columns(found))
-    elif path.suffix.lower() == ".wav":
-        write_echo_sound(path, found, sonar.time_expansion)
-    else:
-        write_echo_arrays(path, found, offset)
-
-
 def _columns(found: Finding) -> dict[str, list[Any]]:
     """Time and channels of a sound; of a flight one ping after the other."""
     rate = float(_echoes(found)[0].sample_rate)
@@ -294,9 +278,12 @@ SONAR = ResultKind(
     notes=_notes,
     doubts=_doubts,
     files=(".npz", ".wav", "-heard.npz"),
-    write=_write,
-    endings=(".wav", ".npz", ".csv"),
-    save=_save,
+    write=write_echo,
+    saves={
+        ".wav": lambda path, sonar, found, *_: write_echo_sound(path, found, sonar.time_expansion),
+        ".npz": lambda path, _sonar, found, offset, _labels: write_echo_arrays(path, found, offset),
+        ".csv": lambda path, _sonar, found, *_: write_csv(path, _columns(found)),
+    },
     plot=_plot,
     marks=lambda found: None if _is_flight(found) else found.heard,
     sound=lambda sonar, found: sound_of(found, sonar.time_expansion),

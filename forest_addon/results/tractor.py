@@ -87,8 +87,10 @@ TRACTOR = ResultKind(
     title=lambda tractor: f"Tractor LiDAR: {tractor.name}",
     story=_story,
     notes=_notes,
-    endings=ENDINGS,
-    save=lambda path, tractor, scan, *more: write_points(path, to_cloud(scan, tractor), *more),
+    saves=dict.fromkeys(
+        ENDINGS,
+        lambda path, tractor, scan, *more: write_points(path, to_cloud(scan, tractor), *more),
+    ),
     plot=matrix_plot,
     points=lambda tractor, scan: to_cloud(scan, tractor),
 )

@@ -104,7 +104,7 @@ def test_a_call_from_a_wav_file(tmp_path: Path) -> None:
 def test_an_echo_in_files(tmp_path: Path) -> None:
     sonar = Sonar(contributions=True, time_expansion=20.0)
     echo = ping(LEAVES, sonar, Air())
-    arrays, sound, heard = write_echo(tmp_path, "echo", echo, sonar)
+    arrays, sound, heard = write_echo(tmp_path, sonar, echo)
     with np.load(arrays) as data:
         assert data["impulse_response"].shape == data["time"].shape
         np.testing.assert_array_equal(data["spectrum"], echo.spectrum)

@@ -415,13 +415,13 @@ def test_truth_tells_where_leaves_rest(tmp_path):
     gone = np.linalg.norm(heard.position - heard.rest, axis=1)
     assert (gone > 0.5).sum() > 100
     assert np.abs(gone[heard.instance == 1]).max() < 1e-9
-    *_, file = write_echo(tmp_path, "bat", echo, sonar.changed(contributions=True), (100.0, 0, 0))
+    *_, file = write_echo(tmp_path, sonar.changed(contributions=True), echo, (100.0, 0, 0))
     with np.load(file) as kept:
         assert np.allclose(kept["rest"], heard.rest + np.array([100.0, 0.0, 0.0]))
         assert np.array_equal(kept["velocity"], heard.velocity)
     still = ping(EchoTargets(scene), sonar, WINDY_AIR)
     assert still.heard.rest is None
-    *_, file = write_echo(tmp_path, "bat", still, sonar.changed(contributions=True))
+    *_, file = write_echo(tmp_path, sonar.changed(contributions=True), still)
     with np.load(file) as kept:
         assert "rest" not in kept
 
