@@ -271,6 +271,24 @@ def out_file(out: Path, *endings: str) -> Path:
     return out
 
 
+def numbers(option: str, text: str, *counts: int) -> tuple[float, ...]:
+    """Read numbers with commas between them, as many as one of ``counts``; () as many as there are.
+
+    Raises
+    ------
+    SpecError : it is something else.
+    """
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = (math.nan,)
+    if not all(map(math.isfinite, values)) or len(values) not in (counts or (len(values),)):
+        many = " or ".join(map(str, counts)) + " " * bool(counts)
+        shown = ",".join(("1.5", "0", "2")[: max(counts, default=3)])
+        raise SpecError(option, f'"{text}" is not {many}numbers with commas, as in {shown}')
+    return values
+
+
 def finite(word: str) -> float:
     """Return the finite number that a word of the command line means."""
     value = float(word)

@@ -248,7 +248,7 @@ INSIDE = {
     "ForestSway": "forest_addon.stand.wind:ForestSway",
     "sway_of": "forest_addon.stand.wind:sway_of",
     "read_scene": "headless.command:read_scene",
-    "numbers": "headless.commands.lidar:numbers",
+    "numbers": "headless.command:numbers",
     "FlownCloud": "headless.surveys:FlownCloud",
     "read_flown": "headless.surveys:read_flown",
     "write_like": "headless.surveys:write_like",

@@ -134,7 +134,7 @@ class ResultKind:
     """Record of a result; its functions take the sensor's settings and what it found.
 
     figures : its figures; the scene, where it is known, for those that need it. arrays : named arrays of
-        what was found, with ``units`` by name; what is written where ``write`` and ``saves`` say nothing else.
+        what was found, with ``units`` by name; what is written where ``write``, ``saves`` say nothing else.
     labelled : the same for tables: variables and coordinates by name, each its dimensions, values and unit;
         what is known by ``arrays`` alone has dimensions without names.
     sentence : the most telling figure in a few words, ``keep``-ed for translators; empty: the first figure.

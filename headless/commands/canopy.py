@@ -19,7 +19,7 @@ from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.sensing.canopy import Canopy
 from forest_addon.spec import Scene, SpecError
 
-from ..command import read_scene, refuse_beyond
+from ..command import numbers, read_scene, refuse_beyond
 
 
 def run(chosen: argparse.Namespace) -> None:
@@ -54,7 +54,7 @@ def look_up_in(
     folder = scene.resolve().parent
     refuse_beyond("--grid", grid, 1, MOST)
     claim(*(out / file for file in ("gaps.csv", "hemispheres.npz", "hemispheres.png")))
-    places = [_point(text) for text in at] or _grid(settings, grid)
+    places = [numbers("--at", text, 2, 3) for text in at] or _grid(settings, grid)
     site = Site.of(settings, folder)
     # (N, 3) places, those without a height so high above the ground
     flat = np.array([place[:2] for place in places])
@@ -115,16 +115,6 @@ def lines(world: World, seen: Canopy) -> list[str]:
     if leaf + wood > 0:
         told.append(f"  clumping, effective / true {seen.effective / (leaf + wood):8.3f}")
     return told
-
-
-def _point(text: str) -> tuple[float, ...]:
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    if len(values) not in (2, 3) or not all(math.isfinite(v) for v in values):
-        raise SpecError("--at", f'"{text}" is no point; give X,Y or X,Y,Z in metres')
-    return values
 
 
 def _grid(settings: Scene, side: int) -> list[tuple[float, ...]]:

@@ -27,6 +27,7 @@ from forest_addon.formats.rosbag import BagWay, write_bag
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Scene, SpecError
 
+from ..command import numbers, refuse_beyond
 from ..progress import Stages, hushed
 from ..report.trees import draw_flights
 
@@ -50,21 +51,19 @@ def run(chosen: argparse.Namespace) -> None:
 
 
 def listed(name: str, words: str | None) -> tuple[float, ...]:
-    """Numbers above 0 that are parted by commas.
+    """Numbers above 0 that are parted by commas; none where there are no words.
 
     Raises
     ------
     SpecError : something else.
     """
-    try:
-        values = tuple(float(word) for word in (words or "").split(",") if word)
-    except ValueError:
-        values = (-1.0,)
-    if any(not 0 < value < 1e6 for value in values):
-        raise SpecError(name, f'"{words}" must be numbers above 0, parted by commas')
+    values = numbers(name, words) if words else ()
+    for value in values:
+        refuse_beyond(name, value, LEAST, MOST)
     return values
 
 
+LEAST, MOST = 1e-6, 1e6  # of speeds and densities
 AT_ONCE = 25
 SHOWN = 100  # flights that are animated in the .blend
 

@@ -34,6 +34,7 @@ from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.spec import SENSORS, Rays, Scanner, SpecError
 
+from ..command import numbers
 from ..progress import Stages, hushed
 from ..surveys import scan_survey, write_like
 
@@ -162,23 +163,6 @@ def sensor_of(
     for word in changes:
         table = merged(table, _setting(word))
     return structure(merged(tables[kind], table), SENSORS[kind])
-
-
-def numbers(option: str, text: str, count: int) -> tuple[float, ...]:
-    """Read ``count`` numbers with commas between them.
-
-    Raises
-    ------
-    SpecError : it is something else.
-    """
-    try:
-        numbers = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        numbers = ()
-    if len(numbers) != count:
-        shown = ",".join(("1.5", "0", "2")[:count])
-        raise SpecError(option, f'"{text}" is not {count} numbers with commas, as in {shown}')
-    return numbers
 
 
 def _setting(word: str) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def test_gaps_are_an_experiment(tmp_path, monkeypatch):
     [
         (["fly", "nowhere.toml"], "no such file"),
         (["fly", "x.toml", "--episodes", "0"], "--episodes: 0 is out of range"),
-        (["fly", "x.toml", "--speeds", "3,fast"], "must be numbers above 0"),
+        (["fly", "x.toml", "--speeds", "3,fast"], "is not numbers with commas"),
     ],
 )
 def test_what_cannot_be_says_so(words, said, capfd):

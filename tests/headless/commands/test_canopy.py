@@ -65,9 +65,9 @@ def test_effective_and_true_index_and_pictures(scene, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ({"at": ["1;2"]}, "is no point"),
-        ({"at": ["1,2,3,4"]}, "is no point"),
-        ({"at": ["nan,2"]}, "is no point"),
+        ({"at": ["1;2"]}, "is not 2 or 3 numbers"),
+        ({"at": ["1,2,3,4"]}, "is not 2 or 3 numbers"),
+        ({"at": ["nan,2"]}, "is not 2 or 3 numbers"),
         ({"grid": 0}, "out of range"),
     ],
 )

@@ -254,7 +254,7 @@ def test_every_name_in_a_label_file_has_its_legend(undisturbed):
 
 
 def test_every_name_of_echoes_and_responses_has_its_legend(tmp_path):
-    bat = Sonar(contributions=True)
+    bat = Sonar(name="bat", contributions=True)
     leaves = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)
     write_echo(tmp_path, bat, ping(leaves, bat, Air()))
     write_response(tmp_path / "ir.npz", _response())
