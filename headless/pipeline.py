@@ -10,9 +10,9 @@ import dataclasses
 import json
 import os
 import platform
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +142,7 @@ def run_scene(
         is written.
     """
     sound = None if dry is None else (dry.stem, *read_wav(dry))
-    _make_writable(out)
+    out.mkdir(parents=True, exist_ok=True)
     stages, wanted = Stages(quiet, verbose), settings.output
     stages.say(f"{settings.name}, seed {settings.seed}")
     with stages.stage("read species and templates"), hushed():
@@ -216,7 +216,7 @@ def run_blend(
     from forest_addon.ui.settings.exchange import to_spec
 
     sound = None if dry is None else (dry.stem, *read_wav(dry))
-    _make_writable(out)
+    out.mkdir(parents=True, exist_ok=True)
     stages = Stages(quiet, verbose)
     with registered():
         try:
@@ -373,15 +373,14 @@ def _write_scene(run: Run) -> None:
         scene[PROPERTY] = run.settings.offset
     if wanted.blend or wanted.preview:
         set_stage(scene, wanted.preview_size)
-    if wanted.blend:
-        with stages.stage("write forest.blend"), hushed(errors=True):
-            save_blend(run.path("forest.blend"))
-    if wanted.glb:
-        with stages.stage("write forest.glb"), hushed(errors=True):
-            export_glb(scene, run.path("forest.glb"))
-    if wanted.usd:
-        with stages.stage("write forest.usdc"), hushed(errors=True):
-            export_usd(scene, run.path("forest.usdc"))
+    for name, is_wanted, write in (
+        ("forest.blend", wanted.blend, save_blend),
+        ("forest.glb", wanted.glb, partial(export_glb, scene)),
+        ("forest.usdc", wanted.usd, partial(export_usd, scene)),
+    ):
+        if is_wanted:
+            with stages.stage(f"write {name}"), hushed(errors=True):
+                write(run.path(name))
 
 
 def _write_preview(run: Run, caster: RayCaster | None, progress: Progress) -> None:
@@ -406,9 +405,20 @@ def _write_preview(run: Run, caster: RayCaster | None, progress: Progress) -> No
 
 
 def _write_report(run: Run, facts: dict[str, Any]) -> None:
-    """Write run.json, and report.html where it is wanted."""
-    made = (run.findings, run.trees, run.targets, run.results, run.stages, run.files)
-    write_record(run.out / "run.json", run.settings, facts, *made)
+    """Write run.json, and report.html where it is wanted. facts : of the evaluated scene (``facts_of``)."""
+    record = {
+        **made_with(run.settings),
+        **facts,
+        "stage_seconds": run.stages.seconds,
+        "warnings": run.stages.warnings,
+        "peak_memory_mb": peak_memory_mb(),
+        "results": {finding.title: finding.facts for finding in run.findings},
+        "trees": {name: {"audit": audit.record()} for name, audit in run.trees.items()},
+        "targets": run.targets,
+        "sensors": {name: result.record() for name, result in run.results.items()},
+        "files": run.files,
+    }
+    write_whole(run.out / "run.json", json.dumps(record, indent=2, default=str) + "\n")
     if run.settings.output.report:
         page.write(
             run.out / "report.html", run.settings, run.findings, run.stages.seconds, run.files
@@ -510,17 +520,6 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
         run.findings.append(page.goodness_finding(goodness, picture))
 
 
-def _make_writable(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out) as file:
-            file.write(b"x")
-    except OSError as problem:
-        raise SpecError(
-            f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
-        ) from None
-
-
 def _write_truth(run: Run, forest: GrownForest) -> None:
     offset, crs = run.settings.offset, run.settings.crs
     if write_note(run.out / FILE, offset, crs):
@@ -576,35 +575,3 @@ def made_with(settings: Scene) -> dict[str, Any]:
         "seed": settings.seed,
         "settings": dataclasses.asdict(settings),
     }
-
-
-def write_record(
-    path: Path,
-    settings: Scene,
-    facts: Mapping[str, Any],
-    findings: Sequence[page.Finding],
-    trees: Mapping[str, Audit],
-    targets: Mapping[str, Any],
-    results: Mapping[str, Result],
-    stages: Stages,
-    files: Sequence[str],
-) -> None:
-    """Write run.json.
-
-    facts : of the evaluated scene, see ``facts_of``. trees : audits of what grew.
-    targets : what was reached of them, by planting.
-    results : of sensors, by their names. stages : their seconds, and what was warned of.
-    """
-    record = {
-        **made_with(settings),
-        **facts,
-        "stage_seconds": stages.seconds,
-        "warnings": stages.warnings,
-        "peak_memory_mb": peak_memory_mb(),
-        "results": {finding.title: finding.facts for finding in findings},
-        "trees": {name: {"audit": audit.record()} for name, audit in trees.items()},
-        "targets": targets,
-        "sensors": {name: result.record() for name, result in results.items()},
-        "files": files,
-    }
-    write_whole(path, json.dumps(record, indent=2, default=str) + "\n")

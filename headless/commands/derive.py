@@ -13,7 +13,7 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.lsystem.branching import system_of_grammar
-from forest_addon.growth.lsystem.system import Prediction, System, Word, predict, rewrite, written
+from forest_addon.growth.lsystem.system import Prediction, System, predict, rewrite, written
 from forest_addon.growth.lsystem.turtle import system_of
 from forest_addon.growth.own_tree.relay import generations_of, write_string
 from forest_addon.growth.own_tree.sibling import grow_sibling
@@ -37,12 +37,13 @@ def run(chosen: argparse.Namespace) -> None:
         if not size.exact:
             if system.stochastic and not system.conditional:
                 print(f"expected: {written(symbols)} symbols, {written(branches)} branches")
-            word = _derive(system, generations, chosen.seed)
+            word = rewrite(system, generations, stream(chosen.seed, "derive"))
             seen = np.bincount(word.codes, minlength=256)
             symbols, branches = len(word), sum(int(seen[ord(b)]) for b in BRANCHES[dialect])
         print(f"{written(symbols)} symbols, {written(branches)} branches")
         return
-    sys.stdout.write(_derive(system, generations, chosen.seed).text() + "\n")
+    word = rewrite(system, generations, stream(chosen.seed, "derive"))
+    sys.stdout.write(word.text() + "\n")
 
 
 # Symbols that begin a side branch.
@@ -79,8 +80,3 @@ def _system(species: Species, generations: int | None) -> tuple[System, str, int
     if species.rules is None:
         return system_of_grammar(species.grammar), chosen.dialect, chosen.generations
     return system_of(chosen), chosen.dialect, chosen.generations
-
-
-def _derive(system: System, generations: int, seed: int) -> Word:
-
-    return rewrite(system, generations, stream(seed, "derive"))

@@ -13,7 +13,6 @@ from forest_addon.formats.ownership import claim
 from forest_addon.results.coordinates import FILE, note_of, write_note
 from forest_addon.results.tables import write_stand
 from forest_addon.site import ForestSite, check_species
-from forest_addon.spec import SpecError
 from forest_addon.spec.choices import idle, idle_in_scene
 from forest_addon.stand.files import read_inputs
 from forest_addon.stand.plan import labels
@@ -61,13 +60,7 @@ def run(chosen: argparse.Namespace) -> None:
         stages.warn(sentence)
     if names and not len(stand):
         stages.warn("no tree stands: expect more, or a larger field")
-    try:
-        chosen.out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise SpecError(
-            f"--out {chosen.out}",
-            f"cannot be written to ({problem.strerror}); choose another folder",
-        ) from None
+    chosen.out.parent.mkdir(parents=True, exist_ok=True)
     write_stand(chosen.out, stand, names, settings.offset, settings.crs)
     write_note(chosen.out.with_name(f"{chosen.out.stem}-{FILE}"), settings.offset, settings.crs)
     if not can_draw():
