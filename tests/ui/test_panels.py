@@ -496,7 +496,7 @@ def test_a_planting_shows_what_stands(built):
     assert planting.standing == standing
     meant = round(planting.expected)
     ways = (f"{standing} trees", f"{standing} of {meant} trees", "1 tree")
-    assert forest_panels._planting_row(planting).right in ways
+    assert forest_panels._planting_row(planting)[2] in ways
     fresh = built.plantings.add()
     fresh.species, fresh.use_expected, fresh.expected = "maple", True, 7
     assert forest_panels._planting_row(fresh).right == "7 trees"
