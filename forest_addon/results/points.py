@@ -4,6 +4,10 @@ A row has 97 bytes, 98 with bounces, and one more field where points are labelle
 scene's offset in float64, so that a map's coordinates keep their digits. Angles of rows are degrees, widths
 nanoseconds, as in LAS files of instruments; lengths metres. Rows may also be of a file (``StoredRows``);
 all formats but E57 and the tables of text are then written a part at a time.
+
+Labels of points are a number for each point, and a name for each number. By class they are organs (other,
+wood, leaf, ground), which every file has; by object, species or material they are numbered from the most
+frequent on, so that a format with few classes keeps the ones that matter.
 """
 
 from __future__ import annotations
@@ -15,12 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.labels import Labels
+from ..base.labels import UNKNOWN, Labels
 from ..formats.atomic import replacing
 from ..formats.ply import StoredRows, bounds, write_ply
 from ..formats.table import write_csv, write_npz
-from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.cloud import Cloud, Returns
 from ..sensing.lidar.waveform import BASELINE, LIGHT, Waveforms
+from ..sensing.rays.geometry import SceneGeometry
 from .coordinates import NO_OFFSET, Offset
 
 POINT = np.dtype(
@@ -284,3 +289,40 @@ def _write_xyz(path: Path, rows: np.ndarray) -> None:
     digits, head = [XYZ[name] for name in names], " ".join(names)
     with replacing(path) as partial:
         np.savetxt(partial, np.column_stack(columns), fmt=digits, header=head, comments="//")
+
+
+def labels_by_object(returns: Returns, scene: SceneGeometry) -> Labels:
+    """Objects by their names; what is instanced many times is one object."""
+    return _named(np.append(scene.object_index, UNKNOWN)[returns.instance], scene.object_name)
+
+
+def labels_by_species(returns: Returns, species: Sequence[str]) -> Labels:
+    """Species of trees by their names."""
+    return _named(returns.species, species)
+
+
+def labels_by_material(returns: Returns, scene: SceneGeometry) -> Labels:
+    """Materials by their names, as the slots of meshes hold them."""
+    known: dict[str, int] = {}
+    number = np.full(len(returns.instance), UNKNOWN, dtype=np.int64)
+    mesh_of = np.append(scene.mesh_index, UNKNOWN)[returns.instance]
+    for index, slots in enumerate(scene.slot_names):
+        rows = np.flatnonzero(mesh_of == index)
+        if not len(rows):
+            continue
+        of_slot = np.array(
+            [known.setdefault(name, len(known)) if name else UNKNOWN for name in slots]
+        )
+        slot = scene.meshes[index].material[returns.triangle[rows]]
+        number[rows] = of_slot[np.clip(slot, 0, len(slots) - 1)]
+    return _named(number, tuple(known))
+
+
+def _named(number: np.ndarray, names: Sequence[str]) -> Labels:
+    """Labels with those numbers alone that occur, the most frequent first."""
+    number = np.where((number >= 0) & (number < len(names)), number, UNKNOWN)
+    there, count = np.unique(number[number >= 0], return_counts=True)
+    order = there[np.argsort(-count, kind="stable")]
+    place = np.full(len(names) + 1, UNKNOWN, dtype=np.int32)  # the last is that of UNKNOWN
+    place[order] = np.arange(len(order))
+    return Labels(place[number], tuple(names[k] for k in order.tolist()))

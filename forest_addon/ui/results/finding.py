@@ -29,8 +29,8 @@ from ...blender.show.sound import give_sound
 from ...results.coordinates import NO_OFFSET, Offset
 from ...results.kind import Figure, Finding, of_forest
 from ...results.kinds import figures_of, results_of, sentence_of
-from ...results.labels import labels_by_material, labels_by_object, labels_by_species
 from ...results.packed import read_values, write_values
+from ...results.points import labels_by_material, labels_by_object, labels_by_species
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.rays.geometry import SceneGeometry
