@@ -11,7 +11,6 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -270,11 +269,7 @@ def _grown(
         frame,
         law_of(
             estimate,
-            partial(
-                lambda process, name, number: sample(process, stream(0, "goodness", name, number)),
-                process,
-                mapped.name,
-            ),
+            lambda number: sample(process, stream(0, "goodness", mapped.name, number)),
         ),
     )
     others: list[ChosenLaw] = []

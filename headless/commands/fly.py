@@ -7,7 +7,7 @@ forest of a batch has the seed of its first flight.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,27 +130,7 @@ def fly_scene(
             for note in world.forest.notes:
                 stages.warn(note)
     stock.settings = whole
-    columns: dict[str, list] = {
-        name: []
-        for name in (
-            *("flight", "seed", "forest", "speed_m_s", "density", "end", "time_s"),
-            *("x_m", "y_m", "z_m", "heading_rad", "nearest_m"),
-        )
-    }
-    number = 0
-    for cell in cells:
-        for track in cell.tracks:
-            count = len(track.position)
-            same = (number, track.seed, track.forest, cell.speed, cell.density, track.end)
-            for name, value in zip(list(columns)[:6], same, strict=True):
-                columns[name] += [value] * count
-            columns["time_s"] += np.round(np.arange(count) * track.step, 6).tolist()
-            for axis, name in enumerate(("x_m", "y_m", "z_m")):
-                columns[name] += np.round(track.position[:, axis], 4).tolist()
-            columns["heading_rad"] += np.round(track.heading, 5).tolist()
-            columns["nearest_m"] += np.round(track.nearest, 3).tolist()
-            number += 1
-    write_csv(out / "trajectories.csv", columns)
+    write_csv(out / "trajectories.csv", _trajectories(cells))
     rows = []
     for cell in cells:
         low, high = interval(cell.arrived, len(cell.tracks))
@@ -189,6 +169,29 @@ def fly_scene(
         names += f", {len(tracks)} bags: flight-0000.mcap and on"
     say(f"Written to {out}: {names}")
     return cells
+
+
+def _trajectories(cells: Sequence[FlightCell]) -> Iterator[dict[str, list]]:
+    """The table of each flight, a row a step."""
+    flights = ((cell, track) for cell in cells for track in cell.tracks)
+    for number, (cell, track) in enumerate(flights):
+        count = len(track.position)
+        same = {
+            "flight": number,
+            "seed": track.seed,
+            "forest": track.forest,
+            "speed_m_s": cell.speed,
+            "density": cell.density,
+            "end": track.end,
+        }
+        places = zip("xyz", np.round(track.position.T, 4).tolist(), strict=True)
+        yield {
+            **{name: [value] * count for name, value in same.items()},
+            "time_s": np.round(np.arange(count) * track.step, 6).tolist(),
+            **{f"{axis}_m": along for axis, along in places},
+            "heading_rad": np.round(track.heading, 5).tolist(),
+            "nearest_m": np.round(track.nearest, 3).tolist(),
+        }
 
 
 def thinned(settings: Scene, factor: float) -> Scene:

@@ -157,8 +157,6 @@ class LabelledScan:
     """
 
     scene: int
-    split: str
-    name: str
     place: np.ndarray
     level: np.ndarray
     classes: np.ndarray
@@ -190,8 +188,6 @@ def scans_of(one: Done) -> Iterator[LabelledScan]:
         stands = offset + sensor["position"] if sensor["kind"] == "terrestrial" else None
         yield LabelledScan(
             scene=one.number,
-            split=one.record["split"],
-            name=name,
             place=np.asarray(cloud.xyz),
             level=level,
             classes=np.asarray(cloud.classification, dtype=np.uint8),
