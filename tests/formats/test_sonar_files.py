@@ -123,7 +123,7 @@ def test_an_echo_in_files(tmp_path: Path) -> None:
 def test_a_flight_in_files(tmp_path: Path) -> None:
     sonar = Sonar(ears=2, contributions=True)
     flight = fly(EchoTargets.of_discs(LEAVES), sonar, Air(), [posed(sonar)] * 3)
-    arrays, sound, heard = write_echo(tmp_path, "way", flight, sonar)
+    arrays, sound, heard = write_echo(tmp_path, sonar, flight)
     with np.load(arrays) as data:
         assert data["impulse_response"].shape == (3, 2, len(data["time"]))
         assert data["position"].shape == data["axis"].shape == (3, 3)
@@ -138,7 +138,7 @@ def test_what_a_receiver_recorded_in_files(tmp_path: Path) -> None:
     sonar = Sonar(ears=2, receiver=receiver)
     targets = EchoTargets.of_discs(LEAVES)
     flight = fly(targets, sonar, Air(), [posed(sonar)] * 3, seed=5)
-    arrays, sound = write_echo(tmp_path, "way", flight, sonar)
+    arrays, sound = write_echo(tmp_path, sonar, flight)
     with np.load(arrays) as data:
         for number, echo in enumerate(flight.echoes):
             assert echo.received is not None
@@ -164,7 +164,7 @@ def test_what_a_receiver_recorded_in_files(tmp_path: Path) -> None:
     assert "recorded" not in labelled_of(Sonar(), ping(LEAVES, Sonar(), Air()))[0]
     ahead = ping(targets, sonar, Air(), seed=5, number=2, pose=posed(sonar)).received
     assert np.array_equal(ahead.recorded, flight.echoes[2].received.recorded)
-    bare = write_echo(tmp_path, "bare", ping(LEAVES, Sonar(), Air()), Sonar())[0]
+    bare = write_echo(tmp_path, Sonar(name="bare"), ping(LEAVES, Sonar(), Air()))[0]
     with np.load(bare) as data:
         assert not {name for name in data if "snr" in name or "recorded" in name}
 
@@ -205,7 +205,7 @@ def test_a_sum_is_warned_of_where_it_decides_how_sure_the_result_is() -> None:
 
 def test_silence_can_be_written(tmp_path: Path) -> None:
     sonar = Sonar(max_range=1.0)
-    files = write_echo(tmp_path, "quiet", ping(LEAVES, sonar, Air()), sonar)
+    files = write_echo(tmp_path, sonar, ping(LEAVES, sonar, Air()))
     assert not wavfile.read(files[1])[1].any()
 
 

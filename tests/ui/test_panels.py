@@ -499,7 +499,7 @@ def test_a_planting_shows_what_stands(built):
     assert forest_panels._planting_row(planting)[2] in ways
     fresh = built.plantings.add()
     fresh.species, fresh.use_expected, fresh.expected = "maple", True, 7
-    assert forest_panels._planting_row(fresh).right == "7 trees"
+    assert forest_panels._planting_row(fresh)[2] == "7 trees"
 
 
 # -------------------------------------------------------------------------------------------- offers
