@@ -586,12 +586,12 @@ def made_with(settings: Scene) -> dict[str, Any]:
 ROOM = (__package__ or "").removesuffix("headless") + "forest_addon."
 
 
-def _name_of(kind: type) -> str:
+def name_of_record(kind: type) -> str:
     """The name of a record, with its module."""
     return f"{kind.__module__}:{kind.__qualname__}"
 
 
-def _kind_of(name: str) -> type:
+def record_named(name: str) -> type:
     """Return the record of such a name.
 
     Raises
@@ -638,7 +638,7 @@ class Unfinished:
             return None
         try:
             with open(file, "rb") as stream:
-                (found,) = read_values(stream, _kind_of)
+                (found,) = read_values(stream, record_named)
         except Exception:  # whatever lies there: the sensor looks again
             return None
         return found if isinstance(found, Result) else None
@@ -647,7 +647,7 @@ class Unfinished:
         """Keep a result until the run is done."""
         self._folder.mkdir(exist_ok=True)
         with replacing(self._file(sensor), ours=True) as partial, open(partial, "wb") as stream:
-            write_values(stream, [result], _name_of)
+            write_values(stream, [result], name_of_record)
 
     def drop(self) -> None:
         """Forget all of it: the run is done, or begins anew."""

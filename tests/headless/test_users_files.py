@@ -32,7 +32,6 @@ from headless.command import name_of
 from headless.commands import COMMANDS
 from headless.dataset.engine import Worker
 from headless.lock import only_one
-from headless.pipeline import kind_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL_FILE = Path(__file__).with_name("small.toml")

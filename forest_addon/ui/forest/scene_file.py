@@ -30,7 +30,7 @@ from ...formats.toml_file import read_settings, write_settings
 from ..settings.exchange import from_spec, to_spec
 from ..settings.groups import text_of
 from ..settings.preferences import rays_of
-from ..shell.running import Button, Reading, Taking, button, dropped
+from ..shell.running import Button, Reading, Taking, ask_for_file, button, dropped
 from ..shell.views import choose_sensor
 from ..shell.words import say
 from ..species.edit import Edited, edited_species, from_folder, relocated
@@ -271,55 +271,57 @@ def take_offset(_button: Button, context: bpy.types.Context) -> str:
     return say("The field lies on its files already")
 
 
-class FOREST_OT_save_scene(Reading, bpy.types.Operator, ExportHelper):
+def _by_name_of_scene(
+    pressed: bpy.types.Operator, context: bpy.types.Context, event: bpy.types.Event
+) -> set[str]:
+    pressed.filepath = f"{file_name(context.scene.forest_sensing.name)}.toml"
+    return set(ExportHelper.invoke(pressed, context, event))
+
+
+@button(
+    "Export Scene File",
+    Reading,
+    ExportHelper,
+    invoke=_by_name_of_scene,
+    filename_ext=".toml",
+    filter_glob=bpy.props.StringProperty(default="*.toml", options={"HIDDEN"}),
+)
+def save_scene(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Write forest and sensors to a scene file (.toml) that gives the same results without a window"""
-
-    bl_label = "Export Scene File"
-    filename_ext = ".toml"
-    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self.filepath = f"{file_name(context.scene.forest_sensing.name)}.toml"
-        return ExportHelper.invoke(self, context, event)
-
-    def act(self, context: bpy.types.Context) -> str:
-        wanting = write_scene(context.scene, Path(self.filepath))
-        written = say("Written: {file}", file=self.filepath)
-        if wanting:
-            self.report({"WARNING"}, f"{written}. {wanting}")
-        return "" if wanting else written
+    wanting = write_scene(context.scene, Path(pressed.filepath))
+    written = say("Written: {file}", file=pressed.filepath)
+    if wanting:
+        pressed.report({"WARNING"}, f"{written}. {wanting}")
+    return "" if wanting else written
 
 
-class FOREST_OT_export_others(Reading, bpy.types.Operator):
-    """Write the scene into a folder for other programs: OBJ parts, surveys of HELIOS++, JSON, .glb, .blend"""
-
-    bl_label = "Export for Other Programs"
-    directory: bpy.props.StringProperty(
+@button(
+    "Export for Other Programs",
+    Reading,
+    invoke=ask_for_file,
+    directory=bpy.props.StringProperty(
         name="Folder",
         description="Folder that the files go to; made if missing",
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
+    ),
+)
+def export_others(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
+    """Write the scene into a folder for other programs: OBJ parts, surveys of HELIOS++, JSON, .glb, .blend"""
+    from ...blender.files.others import export_for_others
+    from ...blender.sensors.observe import Observer
+    from ...sensing.lidar.surveys.export import flown
+
+    scene = context.scene
+    folder = Path(bpy.path.abspath(pressed.directory or "//export"))
+    home = Path(bpy.path.abspath(scene.forest_sensing.folder))
+    told: list[str] = []
+    settings = to_spec(scene)
+    observer = Observer(context.evaluated_depsgraph_get(), rays_of(settings.rays))
+    ways = {s.name: flown(s) or observer.way(s, home) for s in settings.sensors}
+    count = export_for_others(settings, observer.geometry, ways, folder, told.append)
+    return say(
+        "{count} parts are in {folder}; scene.json there says what HELIOS++ has no word for",
+        count=count,
+        folder=str(folder),
     )
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def act(self, context: bpy.types.Context) -> str:
-        from ...blender.files.others import export_for_others
-        from ...blender.sensors.observe import Observer
-        from ...sensing.lidar.surveys.export import flown
-
-        scene = context.scene
-        folder = Path(bpy.path.abspath(self.directory or "//export"))
-        home = Path(bpy.path.abspath(scene.forest_sensing.folder))
-        told: list[str] = []
-        settings = to_spec(scene)
-        observer = Observer(context.evaluated_depsgraph_get(), rays_of(settings.rays))
-        ways = {s.name: flown(s) or observer.way(s, home) for s in settings.sensors}
-        count = export_for_others(settings, observer.geometry, ways, folder, told.append)
-        return say(
-            "{count} parts are in {folder}; scene.json there says what HELIOS++ has no word for",
-            count=count,
-            folder=str(folder),
-        )

@@ -22,7 +22,7 @@ from ...blender.jobs import Work
 from ...spec import Scene
 from ..settings.drawing import split
 from ..settings.exchange import from_spec
-from ..shell.running import WhenReady, Working, current, long_button, menu, press
+from ..shell.running import WhenReady, Working, current, long_button, made, menu, press
 from ..shell.views import icons, look_at, open_tab, region_of, views
 from ..shell.words import keep, label, say
 from .build import FOREST_OT_build
@@ -61,24 +61,27 @@ GALLERY = {  # scenes of the add-on with title and words, as the gallery shows t
 }
 
 
-class FOREST_OT_gallery(bpy.types.Operator):
-    """Forests to start from, with pictures"""
+def _open_gallery(
+    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
+) -> set[str]:
+    return set(context.window_manager.invoke_popup(pressed, width=720))
 
-    bl_label = "Gallery"
-    bl_options: ClassVar[set[str]] = {"INTERNAL"}
 
-    new: bpy.props.BoolProperty(
+@made(
+    bpy.types.Operator,
+    "OT",
+    "draw",
+    "Gallery",
+    bl_options={"INTERNAL"},
+    invoke=_open_gallery,
+    execute=lambda _pressed, _context: {"FINISHED"},
+    new=bpy.props.BoolProperty(
         name="New File", description="Begin a file with it", options={"SKIP_SAVE", "HIDDEN"}
-    )
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        return context.window_manager.invoke_popup(self, width=720)
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        draw_gallery(self.layout, "forest.new" if self.new else "forest.start")
-
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        return {"FINISHED"}
+    ),
+)
+def gallery(pressed: bpy.types.Operator, _context: bpy.types.Context) -> None:
+    """Forests to start from, with pictures"""
+    draw_gallery(pressed.layout, "forest.new" if pressed.new else "forest.start")
 
 
 def draw_gallery(layout: bpy.types.UILayout, operator: str) -> None:

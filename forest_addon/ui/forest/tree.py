@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
@@ -74,23 +74,25 @@ class FOREST_PG_grown(bpy.types.PropertyGroup):
     }
 
 
-class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
+def _draw_settings(pressed: bpy.types.Operator, _context: bpy.types.Context) -> None:
+    column = split(pressed.layout)
+    for name in (*SETTINGS, "align", "location", "rotation"):
+        column.prop(pressed, name)
+
+
+@button(
+    "L-system Tree",
+    WhenReady,
+    AddObjectHelper,
+    bl_options={"REGISTER", "UNDO", "PRESET"},
+    draw=_draw_settings,
+    **_settings(),
+)
+def add_tree(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Grow one tree of a species at the 3D cursor"""
-
-    bl_label = "L-system Tree"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO", "PRESET"}
-
-    __annotations__ = _settings()
-
-    def act(self, context: bpy.types.Context) -> str:
-        data = _grow(context, self.species, self.seed, self.generations, self.leaves)
-        object_data_add(context, data, operator=self)
-        return ""
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        column = split(self.layout)
-        for name in (*SETTINGS, "align", "location", "rotation"):
-            column.prop(self, name)
+    data = _grow(context, pressed.species, pressed.seed, pressed.generations, pressed.leaves)
+    object_data_add(context, data, operator=pressed)
+    return ""
 
 
 @button(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
@@ -18,7 +18,7 @@ from ...blender.scene.layout import points_of_forest
 from ...blender.scene.nodes import LEVEL_KEY, NEAR, drawn_inputs, instancer_of, show_as, shown_of
 from ...spec import SpecError
 from ..settings.exchange import to_spec, usable
-from ..shell.running import Button, Working, button, long_button
+from ..shell.running import Button, Working, ask_for_file, button, long_button
 from ..shell.views import redraw_views
 from ..shell.words import label, say
 from .build import fingerprint, read_site
@@ -148,31 +148,33 @@ def hide_wind(_button: Button, context: bpy.types.Context) -> str:
     return ""
 
 
-class FOREST_OT_bake_wind(Button, bpy.types.Operator):
+def _by_usual_name(
+    pressed: bpy.types.Operator, context: bpy.types.Context, event: bpy.types.Event
+) -> set[str]:
+    pressed.filepath = pressed.filepath or "forest-in-wind.abc"
+    return ask_for_file(pressed, context, event)
+
+
+@button(
+    "Bake Wind",
+    Button,
+    bl_options={"REGISTER"},
+    invoke=_by_usual_name,
+    filepath=bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"}),
+    filter_glob=bpy.props.StringProperty(default="*.abc;*.usd;*.usda;*.usdc", options={"HIDDEN"}),
+)
+def bake_wind(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Write the forest in the wind, frame by frame, to an Alembic (.abc) or USD file"""
+    from ...blender.files.export import bake
+    from ...blender.show.wind import shows_wind
 
-    bl_label = "Bake Wind"
-    bl_options: ClassVar[set[str]] = {"REGISTER"}
-
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
-    filter_glob: bpy.props.StringProperty(default="*.abc;*.usd;*.usda;*.usdc", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        self.filepath = self.filepath or "forest-in-wind.abc"
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def act(self, context: bpy.types.Context) -> str:
-        from ...blender.files.export import bake
-        from ...blender.show.wind import shows_wind
-
-        path = Path(bpy.path.abspath(self.filepath))
-        if path.suffix.lower() not in ENDINGS:
-            raise ValueError(say("Name a file that ends in .abc, .usd, .usda or .usdc"))
-        if not shows_wind(context.scene):
-            raise ValueError(say("Press Show Wind first"))
-        bake(context.scene, path)
-        return say("Wrote {file}", file=path.name)
+    path = Path(bpy.path.abspath(pressed.filepath))
+    if path.suffix.lower() not in ENDINGS:
+        raise ValueError(say("Name a file that ends in .abc, .usd, .usda or .usdc"))
+    if not shows_wind(context.scene):
+        raise ValueError(say("Press Show Wind first"))
+    bake(context.scene, path)
+    return say("Wrote {file}", file=path.name)
 
 
 def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
 from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY
 from ...blender.sensors.objects import file_name, sensors_of
-from ..shell.running import Reading
+from ..shell.running import Reading, button
 from ..shell.views import is_rendering, redraw_panels, show
 from ..shell.words import say
 
@@ -156,32 +156,36 @@ def _look(scene: bpy.types.Scene, _depsgraph: object) -> None:
 HANDLERS = (("frame_change_pre", _to_frame), ("depsgraph_update_post", _look))
 
 
-class FOREST_OT_show_result(Reading, bpy.types.Operator):
-    """Show these points alone, or hide them; with Shift beside those that are shown"""
+def _beside_with_shift(
+    pressed: bpy.types.Operator, context: bpy.types.Context, event: bpy.types.Event
+) -> set[str]:
+    pressed.more = event.shift
+    return set(pressed.execute(context))
 
-    bl_label = "Show Points"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    result: bpy.props.StringProperty(options={"HIDDEN"})
-    more: bpy.props.BoolProperty(
+
+@button(
+    "Show Points",
+    Reading,
+    bl_options={"REGISTER", "UNDO"},
+    invoke=_beside_with_shift,
+    result=bpy.props.StringProperty(options={"HIDDEN"}),
+    more=bpy.props.BoolProperty(
         name="Beside Others", description="Other points stay as they are", options={"SKIP_SAVE"}
-    )
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self.more = event.shift
-        return self.execute(context)
-
-    def act(self, context: bpy.types.Context) -> str:
-        results = context.scene.forest_sensing.results
-        obj = points_of(results[self.result]) if self.result in results else None
-        if obj is None:
-            raise ValueError(
-                say("{name} has no points here. Run its sensor again", name=self.result)
-            )
-        if obj.visible_get():
-            obj.hide_set(True)
-        else:
-            show_result(context, results[self.result], self.more)
-        return ""
+    ),
+)
+def _show_result(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
+    """Show these points alone, or hide them; with Shift beside those that are shown"""
+    results = context.scene.forest_sensing.results
+    obj = points_of(results[pressed.result]) if pressed.result in results else None
+    if obj is None:
+        raise ValueError(
+            say("{name} has no points here. Run its sensor again", name=pressed.result)
+        )
+    if obj.visible_get():
+        obj.hide_set(True)
+    else:
+        show_result(context, results[pressed.result], pressed.more)
+    return ""
 
 
 def points_of(result: Any) -> bpy.types.Object | None:

@@ -337,24 +337,70 @@ def _write(path: Path, result: Any, label: str) -> Offset:
     return offset
 
 
-class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
-    """Write this result to a file; its ending says in which format"""
+def _endings(context: bpy.types.Context, pressed: bpy.types.Operator) -> tuple[str, ...]:
+    result = context.scene.forest_sensing.results.get(pressed.result)
+    return () if result is None else endings_of(result)
 
-    bl_label = "Export Result"
-    filename_ext = ""
-    check_extension = False
 
-    result: bpy.props.StringProperty(options={"HIDDEN"})
-    filter_glob: bpy.props.StringProperty(
+def _by_name_of_result(
+    pressed: bpy.types.Operator, context: bpy.types.Context, event: bpy.types.Event
+) -> set[str]:
+    endings = _endings(context, pressed)
+    if not endings:
+        return set(pressed.execute(context))  # which says why
+    usual = endings[0]
+    pressed.ending = usual[1:].upper()
+    pressed.filepath = f"{file_name(pressed.result)}{usual}"
+    return set(ExportHelper.invoke(pressed, context, event))
+
+
+def _with_ending(pressed: bpy.types.Operator, _context: bpy.types.Context) -> bool:
+    """The name follows the format that is chosen beside it."""
+    from ...results.points import ending_of
+
+    path, before = Path(pressed.filepath), pressed.filepath
+    had = ending_of(path)
+    if had in WORDS and path.name:
+        pressed.filepath = str(
+            path.with_name(path.name[: -len(had)] + f".{pressed.ending.lower()}")
+        )
+    return pressed.filepath != before
+
+
+def _draw_export(pressed: bpy.types.Operator, context: bpy.types.Context) -> None:
+    column = pressed.layout.column(align=True)
+    for ending in _endings(context, pressed):
+        column.prop_enum(pressed, "ending", ending[1:].upper())
+    props = context.scene.forest_sensing
+    result, record = props.results.get(pressed.result), record_of(props.results.get(pressed.result))
+    if result is not None and _scan_of(result) is not None:
+        pressed.layout.prop(pressed, "labels")
+    if pressed.ending == "WAV" and record is not None and record.is_response:
+        pressed.layout.prop(pressed, "heard")
+        if pressed.heard:
+            pressed.layout.prop(props, "dry", text="")
+
+
+@button(
+    "Export Result",
+    Reading,
+    ExportHelper,
+    invoke=_by_name_of_result,
+    check=_with_ending,
+    draw=_draw_export,
+    filename_ext="",
+    check_extension=False,
+    result=bpy.props.StringProperty(options={"HIDDEN"}),
+    filter_glob=bpy.props.StringProperty(
         default=";".join(f"*{ending}" for ending in WORDS), options={"HIDDEN"}
-    )
-    ending: bpy.props.EnumProperty(
+    ),
+    ending=bpy.props.EnumProperty(
         name="Format",
         description="Which kind of file",
         items=[(ending[1:].upper(), name, words) for ending, (name, words) in WORDS.items()],
         options={"SKIP_SAVE"},
-    )
-    labels: bpy.props.EnumProperty(
+    ),
+    labels=bpy.props.EnumProperty(
         name="Labels",
         description="What points are classed by; the file holds the names",
         items=[
@@ -363,74 +409,39 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
             ("SPECIES", "Species", "The species of the tree, by its name"),
             ("MATERIAL", "Material", "The material that was hit, by its name"),
         ],
-    )
-    heard: bpy.props.BoolProperty(
+    ),
+    heard=bpy.props.BoolProperty(
         name="As It Is Played",
         description="The chosen sound as it is heard in the forest, not the impulse response",
-    )
+    ),
+)
+def export_result(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
+    """Write this result to a file; its ending says in which format"""
+    from ...results.points import ending_of
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        endings = self._endings(context)
-        if not endings:
-            return self.execute(context)  # which says why
-        usual = endings[0]
-        self.ending = usual[1:].upper()
-        self.filepath = f"{file_name(self.result)}{usual}"
-        return ExportHelper.invoke(self, context, event)
-
-    def check(self, _context: bpy.types.Context) -> bool:
-        """The name follows the format that is chosen beside it."""
-        from ...results.points import ending_of
-
-        path, before = Path(self.filepath), self.filepath
-        had = ending_of(path)
-        if had in WORDS and path.name:
-            self.filepath = str(path.with_name(path.name[: -len(had)] + f".{self.ending.lower()}"))
-        return self.filepath != before
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column = self.layout.column(align=True)
-        for ending in self._endings(context):
-            column.prop_enum(self, "ending", ending[1:].upper())
-        props = context.scene.forest_sensing
-        result, record = props.results.get(self.result), record_of(props.results.get(self.result))
-        if result is not None and _scan_of(result) is not None:
-            self.layout.prop(self, "labels")
-        if self.ending == "WAV" and record is not None and record.is_response:
-            self.layout.prop(self, "heard")
-            if self.heard:
-                self.layout.prop(props, "dry", text="")
-
-    def act(self, context: bpy.types.Context) -> str:
-        from ...results.points import ending_of
-
-        endings = self._endings(context)
-        if not endings:
-            problem = say("{name} is not kept in this file. Run its sensor again", name=self.result)
-            raise ValueError(problem)
-        path = Path(bpy.path.abspath(self.filepath))
-        result, crs = context.scene.forest_sensing.results[self.result], ""
-        if ending_of(path) not in endings:
-            problem = say(
-                'cannot be written as "{ending}"; use {endings}',
-                ending=ending_of(path),
-                endings=", ".join(endings),
-            )
-            raise SpecError(path.name, problem)
-        if self.heard and record_of(result).is_response and path.suffix.lower() == ".wav":
-            write_wav(path, *heard_of(result))
-        else:
-            crs = _write(path, result, self.labels).crs
-        if context.scene.is_editable:
-            result.file = str(path)
-        if crs and not can_tell_crs():
-            problem = say("Written without its coordinate system: Blender has no pyproj")
-            self.report({"WARNING"}, problem)
-        return say("Written: {file}", file=path)
-
-    def _endings(self, context: bpy.types.Context) -> tuple[str, ...]:
-        result = context.scene.forest_sensing.results.get(self.result)
-        return () if result is None else endings_of(result)
+    endings = _endings(context, pressed)
+    if not endings:
+        problem = say("{name} is not kept in this file. Run its sensor again", name=pressed.result)
+        raise ValueError(problem)
+    path = Path(bpy.path.abspath(pressed.filepath))
+    result, crs = context.scene.forest_sensing.results[pressed.result], ""
+    if ending_of(path) not in endings:
+        problem = say(
+            'cannot be written as "{ending}"; use {endings}',
+            ending=ending_of(path),
+            endings=", ".join(endings),
+        )
+        raise SpecError(path.name, problem)
+    if pressed.heard and record_of(result).is_response and path.suffix.lower() == ".wav":
+        write_wav(path, *heard_of(result))
+    else:
+        crs = _write(path, result, pressed.labels).crs
+    if context.scene.is_editable:
+        result.file = str(path)
+    if crs and not can_tell_crs():
+        problem = say("Written without its coordinate system: Blender has no pyproj")
+        pressed.report({"WARNING"}, problem)
+    return say("Written: {file}", file=path)
 
 
 @button("Remove Result", Button, result=bpy.props.StringProperty(options={"HIDDEN"}))

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -30,9 +30,11 @@ from ..shell.running import (
     PROBLEMS,
     WhenReady,
     Working,
+    button,
     duration,
     getting_ready,
     in_words,
+    made,
     menu,
     press,
 )
@@ -463,43 +465,89 @@ def draw_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
 MENUS = (("VIEW3D_MT_object", draw_menu),)
 
 
-class FOREST_OT_run_large(bpy.types.Operator):
-    """Ask before what takes long or much memory"""
-
-    bl_label = "Run All the Same"
-    bl_options: ClassVar[set[str]] = {"INTERNAL"}
-
-    sensor: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-    frames: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-    keep: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
-    again: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        return context.window_manager.invoke_props_dialog(
-            self, width=340, title=say("This is a large run"), confirm_text=say("Run")
+def _ask_large(
+    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
+) -> set[str]:
+    return set(
+        context.window_manager.invoke_props_dialog(
+            pressed, width=340, title=say("This is a large run"), confirm_text=say("Run")
         )
-
-    def draw(self, context: bpy.types.Context) -> None:
-        frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
-        cost = estimate(context, self.sensor, self.again)
-        self.layout.label(text=cost_in_words(cost, frames, self.keep), icon="INFO")
-        self.layout.label(text="Esc stops it; what was found until then stays.")
-
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        given = {name: getattr(self, name) for name in ("sensor", "frames", "keep", "again")} | {
-            "sure": True
-        }
-        return set(bpy.ops.forest.run("INVOKE_DEFAULT", **given))
+    )
 
 
-class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
-    """Run sensors on every frame of the frame range; asks first how many, and where results go"""
+def _draw_large(pressed: bpy.types.Operator, context: bpy.types.Context) -> None:
+    frames = len(frames_of(context.scene)) if pressed.frames == "RANGE" else 1
+    cost = estimate(context, pressed.sensor, pressed.again)
+    pressed.layout.label(text=cost_in_words(cost, frames, pressed.keep), icon="INFO")
+    pressed.layout.label(text="Esc stops it; what was found until then stays.")
 
-    bl_label = "Run Frame Range"
-    needs = FOREST_OT_run.needs
-    bl_options: ClassVar[set[str]] = set()
 
-    which: bpy.props.EnumProperty(
+@made(
+    bpy.types.Operator,
+    "OT",
+    "execute",
+    "Run All the Same",
+    bl_options={"INTERNAL"},
+    invoke=_ask_large,
+    draw=_draw_large,
+    sensor=bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"}),
+    frames=bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"}),
+    keep=bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"}),
+    again=bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"}),
+)
+def run_large(pressed: bpy.types.Operator, _context: bpy.types.Context) -> set[str]:
+    """Ask before what takes long or much memory"""
+    given = {name: getattr(pressed, name) for name in ("sensor", "frames", "keep", "again")}
+    return set(bpy.ops.forest.run("INVOKE_DEFAULT", sure=True, **given))
+
+
+def _ask_frames(
+    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
+) -> set[str]:
+    if bpy.app.background:
+        return set(pressed.execute(context))
+    return set(
+        context.window_manager.invoke_props_dialog(
+            pressed, width=320, title=say("Run Frame Range"), confirm_text=say("Run")
+        )
+    )
+
+
+def _draw_frames(pressed: bpy.types.Operator, context: bpy.types.Context) -> None:
+    layout, scene = pressed.layout, context.scene
+    column = split(layout)
+    column.row().prop(pressed, "which", expand=True)
+    frames = column.column(align=True)
+    for name in ("frame_start", "frame_end", "frame_step"):
+        frames.prop(scene, name)
+    column.prop(scene.forest_sensing, "output")
+    column.prop(pressed, "keep")
+    layout.label(text=_how_many(pressed, scene), icon="INFO")
+
+
+def _how_many(pressed: bpy.types.Operator, scene: bpy.types.Scene) -> str:
+    one = pressed.which == "ONE" and pressed.sensor
+    number, frames = 1 if one else len(sensors.sensors_of(scene)), len(frames_of(scene))
+    if not (scene.forest_sensing.output or pressed.keep) and frames > 1:
+        return label("Choose a folder in Save To, or Keep in File")
+    runs = label(
+        "{sensors} × {frames} frames: {runs:,} runs",
+        sensors=pressed.sensor if one else number,
+        frames=frames,
+        runs=number * frames,
+    )
+    cost = estimate(bpy.context, pressed.sensor if one else "")
+    return f"{runs}, {cost_in_words(cost, frames, pressed.keep)}" if cost else runs
+
+
+@button(
+    "Run Frame Range",
+    WhenReady,
+    needs=FOREST_OT_run.needs,
+    bl_options=set(),
+    invoke=_ask_frames,
+    draw=_draw_frames,
+    which=bpy.props.EnumProperty(
         name="Run",
         description="Which sensors run on every frame",
         items=[
@@ -507,49 +555,18 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
             ("ALL", "All Sensors", "One after the other, frame by frame"),
         ],
         options={"SKIP_SAVE"},
-    )
-    sensor: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-    keep: bpy.props.BoolProperty(
+    ),
+    sensor=bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"}),
+    keep=bpy.props.BoolProperty(
         name="Keep in File",
         description="Points and pictures of all frames stay in this file; the timeline shows them",
-    )
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if bpy.app.background:
-            return self.execute(context)
-        return context.window_manager.invoke_props_dialog(
-            self, width=320, title=say("Run Frame Range"), confirm_text=say("Run")
-        )
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, scene = self.layout, context.scene
-        column = split(layout)
-        column.row().prop(self, "which", expand=True)
-        frames = column.column(align=True)
-        for name in ("frame_start", "frame_end", "frame_step"):
-            frames.prop(scene, name)
-        column.prop(scene.forest_sensing, "output")
-        column.prop(self, "keep")
-        layout.label(text=self._how_many(scene), icon="INFO")
-
-    def _how_many(self, scene: bpy.types.Scene) -> str:
-        one = self.which == "ONE" and self.sensor
-        number, frames = 1 if one else len(sensors.sensors_of(scene)), len(frames_of(scene))
-        if not (scene.forest_sensing.output or self.keep) and frames > 1:
-            return label("Choose a folder in Save To, or Keep in File")
-        runs = label(
-            "{sensors} × {frames} frames: {runs:,} runs",
-            sensors=self.sensor if one else number,
-            frames=frames,
-            runs=number * frames,
-        )
-        cost = estimate(bpy.context, self.sensor if one else "")
-        return f"{runs}, {cost_in_words(cost, frames, self.keep)}" if cost else runs
-
-    def act(self, _context: bpy.types.Context) -> str:
-        one = self.sensor if self.which == "ONE" else ""
-        press(bpy.ops.forest.run, sensor=one, frames="RANGE", keep=self.keep, sure=True)
-        return ""
+    ),
+)
+def run_frames(pressed: bpy.types.Operator, _context: bpy.types.Context) -> str:
+    """Run sensors on every frame of the frame range; asks first how many, and where results go"""
+    one = pressed.sensor if pressed.which == "ONE" else ""
+    press(bpy.ops.forest.run, sensor=one, frames="RANGE", keep=pressed.keep, sure=True)
+    return ""
 
 
 def frames_of(scene: bpy.types.Scene) -> range:

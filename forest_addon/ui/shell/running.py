@@ -266,6 +266,14 @@ class Taking(ImportHelper):
         return set(context.window_manager.invoke_props_dialog(self, title=title, translate=False))
 
 
+def ask_for_file(
+    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
+) -> set[str]:
+    """Open the file browser; what is chosen there is done, as ``invoke`` of an operator."""
+    context.window_manager.fileselect_add(pressed)
+    return {"RUNNING_MODAL"}
+
+
 def dropped(ending: str, title: str, operator: str) -> type[bpy.types.FileHandler]:
     """The class that has files of an ending, dropped into a 3D view, taken by one of our operators."""
 

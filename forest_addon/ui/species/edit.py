@@ -269,34 +269,39 @@ def discard_species(_button: Button, context: bpy.types.Context) -> str:
     return say("Back to {species}", species=title_of(origin))
 
 
-class FOREST_OT_save_species(Button, bpy.types.Operator, ExportHelper):
+def _by_name_of_species(
+    pressed: bpy.types.Operator, context: bpy.types.Context, event: bpy.types.Event
+) -> set[str]:
+    item = edited_item(context.scene.forest_sensing)
+    if _is_preset(item.origin):
+        species_folder().mkdir(parents=True, exist_ok=True)
+        pressed.filepath = str(species_folder() / Path(item.name).name)
+    else:
+        pressed.filepath = str(Path(item.folder) / Path(item.origin).name)
+    return set(ExportHelper.invoke(pressed, context, event))
+
+
+@button(
+    "Save As",
+    Button,
+    ExportHelper,
+    needs=EDITS,
+    invoke=_by_name_of_species,
+    filename_ext=".toml",
+    filter_glob=bpy.props.StringProperty(default="*.toml", options={"HIDDEN"}),
+)
+def save_species(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Write this species to a file of its own (.toml), which the planting uses from then on"""
-
-    bl_label = "Save As"
-    needs = EDITS
-    filename_ext = ".toml"
-    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        item = edited_item(context.scene.forest_sensing)
-        if _is_preset(item.origin):
-            species_folder().mkdir(parents=True, exist_ok=True)
-            self.filepath = str(species_folder() / Path(item.name).name)
-        else:
-            self.filepath = str(Path(item.folder) / Path(item.origin).name)
-        return ExportHelper.invoke(self, context, event)
-
-    def act(self, context: bpy.types.Context) -> str:
-        scene = context.scene
-        props = scene.forest_sensing
-        item = edited_item(props)
-        species, home = _read(item)
-        path = Path(bpy.path.abspath(self.filepath)).resolve()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_settings(path, relocated(replace(species, name=path.stem), home, path.parent))
-        _replace(scene, item, _called(path, props.folder))
-        refresh()
-        return say("Written: {file}", file=path)
+    scene = context.scene
+    props = scene.forest_sensing
+    item = edited_item(props)
+    species, home = _read(item)
+    path = Path(bpy.path.abspath(pressed.filepath)).resolve()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_settings(path, relocated(replace(species, name=path.stem), home, path.parent))
+    _replace(scene, item, _called(path, props.folder))
+    refresh()
+    return say("Written: {file}", file=path)
 
 
 def _read(item: Any) -> tuple[spec.Species, Path]:

@@ -30,7 +30,7 @@ from forest_addon.ui import properties
 from forest_addon.ui.forest import build
 from forest_addon.ui.sensors import panels
 from forest_addon.ui.sensors.add import STARTS
-from forest_addon.ui.sensors.run import FOREST_OT_run, FOREST_OT_run_frames
+from forest_addon.ui.sensors.run import FOREST_OT_run, _how_many
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.settings.exchange import from_spec, to_spec
 
@@ -194,9 +194,7 @@ def test_a_frame_range_needs_a_folder(built):
 def test_the_button_for_frames_asks_and_counts_first(built, tmp_path):
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 2
-    asked = partial(
-        FOREST_OT_run_frames._how_many, SimpleNamespace(which="ALL", sensor="echo", keep=False)
-    )
+    asked = partial(_how_many, SimpleNamespace(which="ALL", sensor="echo", keep=False))
     assert asked(scene) == "Choose a folder in Save To, or Keep in File"
     with pytest.raises(RuntimeError, match="choose a folder"):
         press("run_frames", sensor="echo")
