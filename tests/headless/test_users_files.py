@@ -647,7 +647,7 @@ def test_only_dataclasses_of_ours_are_made_of_what_lies_among_unfinished_results
         np.savez(file, tree=np.array(json.dumps([["record", name, {}]])))
         file.seek(0)
         with pytest.raises(ValueError, match="is of no result"):
-            read_values(file, kind_of)
+            read_values(file, record_named)
 
 
 def test_values_come_back_as_they_were(tmp_path):
@@ -661,7 +661,7 @@ def test_values_come_back_as_they_were(tmp_path):
     with open(tmp_path / "a.npz", "w+b") as file:
         write_values(file, [value])
         file.seek(0)
-        (back,) = read_values(file, kind_of)
+        (back,) = read_values(file, record_named)
     np.testing.assert_equal(back, value)
     assert type(back["numbers"][6]) is np.float32
     with open(tmp_path / "b.npz", "wb") as file, pytest.raises(TypeError, match="is of no result"):
