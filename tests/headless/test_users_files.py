@@ -32,6 +32,7 @@ from headless.command import name_of
 from headless.commands import COMMANDS
 from headless.dataset.engine import Worker
 from headless.lock import only_one
+from headless.pipeline import record_named
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL_FILE = Path(__file__).with_name("small.toml")
