@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 import textwrap
 import tomllib
-from typing import ClassVar
+from typing import Any
 
 import bpy
 
@@ -22,7 +22,7 @@ from ...blender.jobs import Work
 from ...spec import Scene
 from ..settings.drawing import split
 from ..settings.exchange import from_spec
-from ..shell.running import WhenReady, Working, current, long_button, made, menu, press
+from ..shell.running import WhenReady, Working, button, current, long_button, made, menu, press
 from ..shell.views import icons, look_at, open_tab, region_of, views
 from ..shell.words import keep, label, say
 from .build import FOREST_OT_build
@@ -125,27 +125,46 @@ def presets() -> tuple[tuple[str, str], ...]:
     )
 
 
-class _WithPreset:
-    """An operator of which the preset says in its tooltip what one does with it."""
+PRESET = bpy.props.StringProperty(
+    name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
+)
 
-    preset: bpy.props.StringProperty(
-        name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
+
+def _words_of_preset(cls: type, _context: bpy.types.Context, given: Any) -> str:
+    """Return what one does with a preset; for one that the gallery does not show, what the button does."""
+    if given.preset in GALLERY:
+        return label(GALLERY[given.preset][1])
+    return say(cls.__doc__ or "")
+
+
+def _ask_to_replace(
+    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
+) -> set[str]:
+    props = context.scene.forest_sensing
+    if bpy.app.background or not (props.plantings or props.stems):
+        return set(pressed.execute(context))
+    return set(
+        context.window_manager.invoke_props_dialog(
+            pressed, width=320, title=say("Replace this forest?"), confirm_text=say("Set Up")
+        )
     )
 
-    @classmethod
-    def description(cls, _context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
-        if given.preset in GALLERY:
-            return label(GALLERY[given.preset][1])
-        return say(cls.__doc__ or "")
+
+def _draw_replaced(pressed: bpy.types.Operator, _context: bpy.types.Context) -> None:
+    column = split(pressed.layout)
+    column.label(text="Field and plantings are replaced.")
+    column.row().prop(pressed, "sensors", expand=True)
 
 
-class FOREST_OT_start(_WithPreset, WhenReady, bpy.types.Operator):
-    """Take this set-up, species, field, sensors, and grow it; what else is in the scene stays"""
-
-    bl_label = "Start a Forest"
-    bl_options: ClassVar[set[str]] = {"UNDO"}
-
-    sensors: bpy.props.EnumProperty(
+@button(
+    "Start a Forest",
+    WhenReady,
+    bl_options={"UNDO"},
+    invoke=_ask_to_replace,
+    draw=_draw_replaced,
+    description=classmethod(_words_of_preset),
+    preset=PRESET,
+    sensors=bpy.props.EnumProperty(
         name="Sensors",
         description="What becomes of sensors that are in the scene",
         items=[
@@ -153,34 +172,21 @@ class FOREST_OT_start(_WithPreset, WhenReady, bpy.types.Operator):
             ("REPLACE", "Replace", "Those of the set-up take their place"),
         ],
         options={"SKIP_SAVE"},
-    )
-
-    grow: bpy.props.BoolProperty(
+    ),
+    grow=bpy.props.BoolProperty(
         name="Grow",
         description="Grow it at once and look at it; else Grow Forest does",
         options={"SKIP_SAVE"},
-    )
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        props = context.scene.forest_sensing
-        if bpy.app.background or not (props.plantings or props.stems):
-            return self.execute(context)
-        return context.window_manager.invoke_props_dialog(
-            self, width=320, title=say("Replace this forest?"), confirm_text=say("Set Up")
-        )
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        column = split(self.layout)
-        column.label(text="Field and plantings are replaced.")
-        column.row().prop(self, "sensors", expand=True)
-
-    def act(self, context: bpy.types.Context) -> str:
-        name = take(context.scene, self.preset, self.sensors == "KEEP")
-        props = context.scene.forest_sensing
-        if self.grow and (props.plantings or props.stems):
-            press(bpy.ops.forest.build, frame=True)
-            return ""
-        return say("{name} is set up. Press Grow Forest in the sidebar", name=name)
+    ),
+)
+def _start(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
+    """Take this set-up, species, field, sensors, and grow it; what else is in the scene stays"""
+    name = take(context.scene, pressed.preset, pressed.sensors == "KEEP")
+    props = context.scene.forest_sensing
+    if pressed.grow and (props.plantings or props.stems):
+        press(bpy.ops.forest.build, frame=True)
+        return ""
+    return say("{name} is set up. Press Grow Forest in the sidebar", name=name)
 
 
 @menu("Forest")
@@ -255,30 +261,38 @@ RETRY = 0.1  # s until it is seen again whether a job of the old file has ended
 _awaited: str | None = None  # the preset that the next new file is furnished with
 
 
-class FOREST_OT_new(_WithPreset, bpy.types.Operator):
+def _await_file(
+    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
+) -> set[str]:
+    global _awaited
+    if bpy.app.background:
+        return set(pressed.execute(context))
+    _awaited = pressed.preset
+    bpy.ops.wm.read_homefile("INVOKE_DEFAULT", **NEW_FILE)
+    return {"FINISHED"}
+
+
+@made(
+    bpy.types.Operator,
+    "OT",
+    "execute",
+    "New Forest",
+    bl_options=set(),  # it cannot be repeated: the file of before is gone
+    invoke=_await_file,
+    description=classmethod(_words_of_preset),
+    preset=PRESET,
+)
+def _new(pressed: bpy.types.Operator, _context: bpy.types.Context) -> set[str]:
     """Start a new file with this forest: grown, lit, with a camera and its sensors"""
-
-    bl_label = "New Forest"
-    bl_options: ClassVar[set[str]] = set()  # it cannot be repeated: the file of before is gone
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        global _awaited
-        if bpy.app.background:
-            return self.execute(context)
-        _awaited = self.preset
-        bpy.ops.wm.read_homefile("INVOKE_DEFAULT", **NEW_FILE)
-        return {"FINISHED"}
-
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        preset = self.preset  # this operator does not outlive the file
-        if preset and not (SCENES / f"{preset}.toml").is_file():
-            self.report({"ERROR"}, say('There is no scene "{name}"', name=preset))
-            return {"CANCELLED"}
-        bpy.ops.wm.read_homefile(**NEW_FILE)
-        if bpy.app.background:
-            return set(bpy.ops.forest.furnish(preset=preset))
-        _furnish_soon(preset)
-        return {"FINISHED"}
+    preset = pressed.preset  # this operator does not outlive the file
+    if preset and not (SCENES / f"{preset}.toml").is_file():
+        pressed.report({"ERROR"}, say('There is no scene "{name}"', name=preset))
+        return {"CANCELLED"}
+    bpy.ops.wm.read_homefile(**NEW_FILE)
+    if bpy.app.background:
+        return set(bpy.ops.forest.furnish(preset=preset))
+    _furnish_soon(preset)
+    return {"FINISHED"}
 
 
 @long_button(

@@ -345,10 +345,8 @@ def test_the_gallery_shows_them_all(registered, operator):
 
 
 def test_an_entry_says_what_it_is_for(props):
-    from forest_addon.ui.forest.start import FOREST_OT_start
-
     given = type("Given", (), {"preset": "hedge-bat"})()
-    assert FOREST_OT_start.description(bpy.context, given) == GALLERY["hedge-bat"][1]
+    assert start._start.description(bpy.context, given) == GALLERY["hedge-bat"][1]
 
 
 @pytest.mark.parametrize(
