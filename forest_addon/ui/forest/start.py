@@ -67,6 +67,10 @@ def _open_gallery(
     return set(context.window_manager.invoke_popup(pressed, width=720))
 
 
+def _close_gallery(_pressed: bpy.types.Operator, _context: bpy.types.Context) -> set[str]:
+    return {"FINISHED"}
+
+
 @made(
     bpy.types.Operator,
     "OT",
@@ -74,7 +78,7 @@ def _open_gallery(
     "Gallery",
     bl_options={"INTERNAL"},
     invoke=_open_gallery,
-    execute=lambda _pressed, _context: {"FINISHED"},
+    execute=_close_gallery,
     new=bpy.props.BoolProperty(
         name="New File", description="Begin a file with it", options={"SKIP_SAVE", "HIDDEN"}
     ),

@@ -16,7 +16,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 from bpy_extras.io_utils import ExportHelper
@@ -404,58 +404,60 @@ OF_WOOD = ("wood", "stem", "trunk", "branches")
 CLASSES = (dropped(".stl", "Species from a Tree", "forest.import_tree"),)
 
 
-class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, Taking):
-    """Make a species from files of a tree: one of its wood and, if there is, one of its leaves"""
+def _draw_import(pressed: bpy.types.Operator, _context: bpy.types.Context) -> None:
+    column = pressed.layout.column(align=True)
+    column.label(text="Choose the file of the wood and,")
+    column.label(text="with Ctrl, that of the leaves, or one of both.")
+    column = split(pressed.layout)
+    column.prop(pressed, "title", placeholder="As the file")
+    column.prop(pressed, "height")
+    column.prop(pressed, "accept")
 
-    bl_label = "Import STL"
-    bl_options: ClassVar[set[str]] = set()  # it starts a job, which is not redone
-    filename_ext = ".stl"
-    filter_glob: bpy.props.StringProperty(
+
+@button(
+    "Import STL",
+    WhenReady,
+    Taking,
+    bl_options=set(),  # it starts a job, which is not redone
+    draw=_draw_import,
+    filename_ext=".stl",
+    filter_glob=bpy.props.StringProperty(
         default="*.stl;*.ply;*.obj;*.gltf;*.glb", options={"HIDDEN"}
-    )
-    files: bpy.props.CollectionProperty(
+    ),
+    files=bpy.props.CollectionProperty(
         type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"}
-    )
-    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN"})
-    title: bpy.props.StringProperty(
+    ),
+    directory=bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN"}),
+    title=bpy.props.StringProperty(
         name="Name", description="Name of the species; empty: as the file", options={"SKIP_SAVE"}
-    )
-    height: bpy.props.FloatProperty(
+    ),
+    height=bpy.props.FloatProperty(
         name="Height",
         description="Height of the tree; 0: the unit of the files is inferred",
         unit="LENGTH",
         min=0,
         max=200,
         options={"SKIP_SAVE"},
-    )
-    accept: bpy.props.BoolProperty(
+    ),
+    accept=bpy.props.BoolProperty(
         name="Accept",
         description="Plant siblings of the tree even if they are too unlike it",
         options={"SKIP_SAVE"},
+    ),
+)
+def import_tree(pressed: bpy.types.Operator, _context: bpy.types.Context) -> str:
+    """Make a species from files of a tree: one of its wood and, if there is, one of its leaves"""
+    named = [Path(pressed.directory) / file.name for file in pressed.files if file.name]
+    wood, leaves = parts_of(named or [Path(pressed.filepath)])
+    press(
+        bpy.ops.forest.make_species,
+        wood=str(wood),
+        leaves=str(leaves or ""),
+        title=pressed.title or title_from(wood),
+        height=pressed.height,
+        accept=pressed.accept,
     )
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        layout = self.layout
-        column = layout.column(align=True)
-        column.label(text="Choose the file of the wood and,")
-        column.label(text="with Ctrl, that of the leaves, or one of both.")
-        column = split(layout)
-        column.prop(self, "title", placeholder="As the file")
-        column.prop(self, "height")
-        column.prop(self, "accept")
-
-    def act(self, _context: bpy.types.Context) -> str:
-        named = [Path(self.directory) / file.name for file in self.files if file.name]
-        wood, leaves = parts_of(named or [Path(self.filepath)])
-        press(
-            bpy.ops.forest.make_species,
-            wood=str(wood),
-            leaves=str(leaves or ""),
-            title=self.title or title_from(wood),
-            height=self.height,
-            accept=self.accept,
-        )
-        return ""
+    return ""
 
 
 @long_button(
