@@ -155,63 +155,67 @@ def _story(reverb: Reverb, response: ImpulseResponse) -> str:
 def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
     channels = response.channels
     peak = float(np.abs([channel.samples for channel in channels]).max())
-    notes = [
-        (
-            "Direct sum over every trunk and frequency in float64."
-            if response.exact
-            else f"Sum over trunks to a relative error of {reverb.tolerance:.0e}, in every octave."
-        )
-        + (
+    most = max(channel.clamped for channel in channels)
+    summed = f"Sum over trunks to a relative error of {reverb.tolerance:.0e}, in every octave."
+    if response.exact:
+        summed = "Direct sum over every trunk and frequency in float64."
+    if reverb.model == "paper" or reverb.tail == "none":
+        summed += (
             " Single scattering itself is the larger error, and grows with the density of the stand"
             " (rescattering = 100 measures it)."
-            if reverb.model == "paper" or reverb.tail == "none"
-            else ""
-        ),
-        "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
-        "-20 dB.",
-    ]
-    if np.isfinite(response.joint):
-        notes.append(
-            f"From {response.joint:.2f} s on the trunks' sound is noise with the energy of transport: "
-            f"{100 * reverb.multiple_share:.0f} % of it was scattered more than once."
         )
-    if response.late:
-        notes.append(
+    said = (  # what holds, and what is said then
+        (
+            np.isfinite(response.joint),
+            f"From {response.joint:.2f} s on the trunks' sound is noise with the energy of transport: "
+            f"{100 * reverb.multiple_share:.0f} % of it was scattered more than once.",
+        ),
+        (
+            response.late,
             f"The record ends before the sound: {response.late:,} trunks come later, with "
             f"{response.left_db[0]:.0f} dB of the energy. Measures that this would change are left out; "
-            "duration = 0 records all."
-        )
-    if len(channels) > 1:
-        notes.append(
+            "duration = 0 records all.",
+        ),
+        (
+            len(channels) > 1,
             f"Figures are of the first of {len(channels)} channels, {response.channel}; "
-            f"{reverb.name}.npz has those of all."
-        )
-    if response.sprays:
-        notes.append(
+            f"{reverb.name}.npz has those of all.",
+        ),
+        (
+            response.sprays,
             f"{', '.join(response.sprays)}: needles that are drawn as flat sprays count as leaves, which "
             "scatter as discs and absorb as leaves do, more than needles; conifers with shoots "
-            "(norway-spruce, scots-pine, silver-fir) are heard needle by needle."
-        )
-    if response.at == response.at:
-        notes.append(
+            "(norway-spruce, scots-pine, silver-fir) are heard needle by needle.",
+        ),
+        (
+            response.at == response.at,
             "Source or receiver move: each moment has channels of its own; a dry sound is heard through all "
             "of them, its direct sound and the ground's with their Doppler shift at every sample, what "
-            "trunks scatter faded from moment to moment."
-        )
-    if reverb.heard_as == "ambisonics":
-        notes.append("Ambisonics of first order: W, Y, Z, X (ACN), SN3D.")
-    if reverb.noise_db:
-        notes.append(
-            "Background noise is added where a dry sound is heard, not to impulse responses."
-        )
-    if any(channel.clamped for channel in channels):
-        most = max(channel.clamped for channel in channels)
-        notes.append(
-            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
-        )
-    if peak > 1:
-        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
-    return tuple(notes)
+            "trunks scatter faded from moment to moment.",
+        ),
+        (
+            reverb.heard_as == "ambisonics",
+            "Ambisonics of first order: W, Y, Z, X (ACN), SN3D.",
+        ),
+        (
+            reverb.noise_db,
+            "Background noise is added where a dry sound is heard, not to impulse responses.",
+        ),
+        (
+            most,
+            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius.",
+        ),
+        (
+            peak > 1,
+            "The sound exceeds full scale; the WAV is 32-bit float and does not clip.",
+        ),
+    )
+    return (
+        summed,
+        "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
+        "-20 dB.",
+        *(sentence for holds, sentence in said if holds),
+    )
 
 
 def _doubts(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:

@@ -502,26 +502,41 @@ def _idle_in(plan: Plan, number: int, drawn: dict[str, Any]) -> list[str]:
     said = [f"mix.{one}" for one in idle(mix)] + [f"terrain.{one}" for one in idle(own["terrain"])]
     said += [f"place[{k}].{one}" for k, place in enumerate(own["place"]) for one in idle(place)]
     scanners = {one.name for one in scene.sensors if isinstance(one, Mobile)}
-    for k, place in enumerate(own["place"]):
-        if place.rule == "path" and place.count > 1 and place.sensor in scanners:
-            said.append(
-                f"place[{k}].count has no effect on the way of a scanner, which has no poses"
-            )
-    if mix.redealt and not mix.species and sum(bool(one.density) for one in plantings) < 2:
-        said.append("mix.redealt has no effect: it needs two plantings with a density, or more")
-    if mix.season and not any(_sheds(one.species, base.folder) for one in plantings):
-        said.append("mix.season has no effect: no planting is of a measured kind that sheds leaves")
-    if mix.species and plan.head.library and mix.variants != Mix().variants:
-        said.append("mix.variants has no effect beside trees of a shared library")
+    said += [
+        f"place[{k}].count has no effect on the way of a scanner, which has no poses"
+        for k, place in enumerate(own["place"])
+        if place.rule == "path" and place.count > 1 and place.sensor in scanners
+    ]
     one_tree = not all(knows_chance(one.species, base.folder) for one in plantings)
-    if plan.splits.share_trees and not plan.head.library and not one_tree:
-        said.append('splits.share_trees has no effect: it needs trees = "shared library of N"')
     looks = ("preview_size", "preview_samples")  # of a scene's picture, which [keep] may ask for
     output = Output(**{name: getattr(scene.output, name) for name in looks})
-    if scene.output != output:
-        said.append("scene.output has no effect in a dataset; [keep] says what is written")
-    if scene.accuracy.audit not in (0, Accuracy().audit):
-        said.append("scene.accuracy.audit has no effect in a dataset; check it by --check")
+    idlers = (  # what holds, and what is said then
+        (
+            mix.redealt and not mix.species and sum(bool(one.density) for one in plantings) < 2,
+            "mix.redealt has no effect: it needs two plantings with a density, or more",
+        ),
+        (
+            mix.season and not any(_sheds(one.species, base.folder) for one in plantings),
+            "mix.season has no effect: no planting is of a measured kind that sheds leaves",
+        ),
+        (
+            mix.species and plan.head.library and mix.variants != Mix().variants,
+            "mix.variants has no effect beside trees of a shared library",
+        ),
+        (
+            plan.splits.share_trees and not plan.head.library and not one_tree,
+            'splits.share_trees has no effect: it needs trees = "shared library of N"',
+        ),
+        (
+            scene.output != output,
+            "scene.output has no effect in a dataset; [keep] says what is written",
+        ),
+        (
+            scene.accuracy.audit not in (0, Accuracy().audit),
+            "scene.accuracy.audit has no effect in a dataset; check it by --check",
+        ),
+    )
+    said += [sentence for holds, sentence in idlers if holds]
     said += [f"scene.{one}" for one in idle_in_scene(scene.changed(output=Output()))]
     over = {
         place.sensor for place in own["place"] if place.rule == "over"
