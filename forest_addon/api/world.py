@@ -457,10 +457,11 @@ class World:
 
     def _standing(self) -> tuple[GrownForest | None, PlacedTrees]:
         """Forest that was grown here, and trees of libraries; an error where there is neither."""
-        import_blender()
-        from ..blender.scene.meshes import has_assets
+        bpy = import_blender()
+        from ..blender.scene.instances import ASSET_KEY
 
-        placed = self.observer.placed_trees if has_assets() else NONE
+        of_library = any(ASSET_KEY in mesh for mesh in bpy.data.meshes)
+        placed = self.observer.placed_trees if of_library else NONE
         return (None if len(placed) and self.forest is None else self._grown()), placed
 
     def _grown(self) -> GrownForest:

@@ -64,11 +64,6 @@ def facts(figures: Sequence[Figure]) -> dict[str, str]:
     return {each.name: each.text for each in figures if each.name}
 
 
-def octave_table(figures: Sequence[Figure]) -> dict[str, Mapping[str, str]]:
-    """Return the figures that have a value for each octave: name, then octave and value."""
-    return {each.name: each.by_octave for each in figures if each.name and each.by_octave}
-
-
 def of_forest(forest: GrownForest) -> list[Figure]:
     """Trees, leaves and triangles of a forest."""
     stand = forest.stand

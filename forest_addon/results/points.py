@@ -291,17 +291,20 @@ def _write_xyz(path: Path, rows: np.ndarray) -> None:
         np.savetxt(partial, np.column_stack(columns), fmt=digits, header=head, comments="//")
 
 
-def labels_by_object(returns: Returns, scene: SceneGeometry) -> Labels:
-    """Objects by their names; what is instanced many times is one object."""
-    return _named(np.append(scene.object_index, UNKNOWN)[returns.instance], scene.object_name)
+def labels_of(returns: Returns, scene: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
+    """Labels that points can have besides their classes, by what they are of.
+
+    Those of objects have the objects' names; what is instanced many times is one object.
+    """
+    objects = np.append(scene.object_index, UNKNOWN)[returns.instance]
+    return {
+        "OBJECT": _named(objects, scene.object_name),
+        "SPECIES": _named(returns.species, species),
+        "MATERIAL": _by_material(returns, scene),
+    }
 
 
-def labels_by_species(returns: Returns, species: Sequence[str]) -> Labels:
-    """Species of trees by their names."""
-    return _named(returns.species, species)
-
-
-def labels_by_material(returns: Returns, scene: SceneGeometry) -> Labels:
+def _by_material(returns: Returns, scene: SceneGeometry) -> Labels:
     """Materials by their names, as the slots of meshes hold them."""
     known: dict[str, int] = {}
     number = np.full(len(returns.instance), UNKNOWN, dtype=np.int64)

@@ -30,7 +30,7 @@ from forest_addon.drawing.strips import Plot, stand_map
 from forest_addon.formats.atomic import write_whole
 from forest_addon.formats.raster_file import write_png
 from forest_addon.results.kind import Finding as SensorFinding
-from forest_addon.results.kind import facts, octave_table, of_forest
+from forest_addon.results.kind import facts, of_forest
 from forest_addon.results.kinds import results_of
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kind import Seen
@@ -248,7 +248,7 @@ def finding_of(sensor: Sensor, found: Any, picture: Path | None, seen: Seen) -> 
         facts(figures),
         record.notes(sensor, found),
         picture,
-        octaves=octave_table(figures),
+        octaves={each.name: each.by_octave for each in figures if each.name and each.by_octave},
         warnings=record.doubts(sensor, found),
     )
 

@@ -225,11 +225,6 @@ def read_truth(mesh: bpy.types.Mesh) -> PlacedVariant | None:
     )
 
 
-def has_assets() -> bool:
-    """Return whether this file has a tree of a library."""
-    return any(ASSET_KEY in mesh for mesh in bpy.data.meshes)
-
-
 def placed_trees(scene: SceneGeometry) -> PlacedTrees:
     """The trees from libraries in a scene that was read, with the truth that their meshes bring."""
     wanted = sorted({asset for asset in scene.asset if asset})

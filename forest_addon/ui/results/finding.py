@@ -15,7 +15,6 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...base.labels import Labels
 from ...blender.scene.layout import RESULTS, part
 from ...blender.show.cloud import (
     end_with_ground,
@@ -30,9 +29,8 @@ from ...results.coordinates import NO_OFFSET, Offset
 from ...results.kind import Figure, Finding, of_forest
 from ...results.kinds import figures_of, results_of, sentence_of
 from ...results.packed import read_values, write_values
-from ...results.points import labels_by_material, labels_by_object, labels_by_species
+from ...results.points import labels_of
 from ...sensing.audit import Audit
-from ...sensing.lidar.cloud import Cloud
 from ...sensing.rays.geometry import SceneGeometry
 from ...spec import Scene, Sensor
 from ...spec.base import Settings
@@ -188,7 +186,7 @@ def keep_finding(
     if cloud is None:
         result.found = pack(sensor, found, offset)
     else:
-        labels = _labels(cloud, geometry, names[1]) if geometry is not None else {}
+        labels = labels_of(cloud.returns, geometry, names[1]) if geometry is not None else {}
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         note_scan(points.data, cloud, offset, offset.crs, labels)
         result.shown = points.name
@@ -251,15 +249,6 @@ def plain(value: float, unit: str) -> str:
     if unit == "m":
         return "< 0.001 mm" if value < 1e-6 else keep("{size:,.3f} mm", size=1e3 * value)
     return "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
-
-
-def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
-    """Labels that points of a cloud can have when they are exported."""
-    return {
-        "OBJECT": labels_by_object(cloud.returns, geometry),
-        "SPECIES": labels_by_species(cloud.returns, species),
-        "MATERIAL": labels_by_material(cloud.returns, geometry),
-    }
 
 
 def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:
