@@ -304,21 +304,6 @@ def _digests(forest: GrownForest) -> dict[str, str]:
     return digests
 
 
-def camera_rays(scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
-    """(3,) place of the camera, metres, and (H, W, 3) unit ways through its pixels, upper row first."""
-    camera, render = scene.camera, scene.render
-    share = render.resolution_percentage / 100
-    wide, high = (int(size * share) for size in (render.resolution_x, render.resolution_y))
-    corners = np.array(camera.data.view_frame(scene=scene))  # upper right, lower right, lower left
-    right, lower, left = corners[0], corners[1], corners[2]
-    x = ((np.arange(wide) + 0.5) / wide)[None, :, None]
-    y = ((np.arange(high) + 0.5) / high)[:, None, None]
-    ways = left + (lower - right) * (y - 1) + (lower - left) * x
-    turn = np.array(camera.matrix_world)
-    ways = ways @ turn[:3, :3].T
-    return turn[:3, 3], ways / np.linalg.norm(ways, axis=2, keepdims=True)
-
-
 def write_segments(
     path: Path,
     scene: bpy.types.Scene,
@@ -332,17 +317,21 @@ def write_segments(
     ------
     OSError : it cannot be written.
     """
-    place, ways = camera_rays(scene)
-    flat = ways.reshape(-1, 3)
+    from forest_addon.blender.show.shaded import camera_rays
+
+    wide, tall = scene.render.resolution_x, scene.render.resolution_y
+    row, column = np.divmod(np.arange(tall * wide), wide)
+    place = np.array(scene.camera.matrix_world)[:3, 3]
+    ways = camera_rays(scene, column + 0.5, row + 0.5)
     segment_rows = []
-    for first in range(0, len(flat), AT_ONCE):
-        some = flat[first : first + AT_ONCE]
+    for first in range(0, len(ways), AT_ONCE):
+        some = ways[first : first + AT_ONCE]
         hits = caster.cast(np.broadcast_to(place, some.shape), some)
         returns = label(caster.scene, hits, some)
         order = orders_of(returns, caster.scene, forest)
         classes, tree = classes_of(returns, order, plantings)
         segment = tree.astype(np.int64) * EIGHT + classes
         segment_rows.append(np.where(hits.found & (segment <= MOST_SEGMENT), segment, 0))
-    numbers = np.concatenate(segment_rows).reshape(ways.shape[:2])
+    numbers = np.concatenate(segment_rows).reshape(tall, wide)
     colours = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=2)
     write_whole(path, write_png(colours / 255.0))

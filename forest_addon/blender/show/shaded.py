@@ -66,7 +66,7 @@ def draw_scene(
         rng = stream(5, "preview", first)
         for _ in range(SAMPLES):
             x, y = pixels % wide + rng.random(len(pixels)), pixels // wide + rng.random(len(pixels))
-            total[pixels] += filmic(light.seen(_directions(scene, x, y), rng))
+            total[pixels] += filmic(light.seen(camera_rays(scene, x, y), rng))
         progress(first + len(pixels), len(order))
     image = (total / SAMPLES).reshape(tall, wide, 3) ** (1 / 2.2)
     with replacing(path) as partial:
@@ -92,12 +92,13 @@ def filmic(light: np.ndarray) -> np.ndarray:
     return np.asarray(np.clip(curve, 0.0, 1.0))
 
 
-def _directions(scene: bpy.types.Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(R, 3) unit directions from the camera through places of the picture, pixels from its top left."""
+def camera_rays(scene: bpy.types.Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(R, 3) unit ways from the camera through places (R,) of the picture, pixels from its top left."""
     camera, wide, tall = scene.camera, scene.render.resolution_x, scene.render.resolution_y
-    pixel = camera.data.sensor_width / camera.data.lens / max(wide, tall)
-    flat = np.column_stack([(x - wide / 2) * pixel, (tall / 2 - y) * pixel, np.full(len(x), -1.0)])
-    turned = flat @ np.array(camera.matrix_world)[:3, :3].T
+    corners = np.array(camera.data.view_frame(scene=scene))
+    right, lower, left = corners[:3]  # upper right, lower right, lower left
+    ways = left + np.outer(y / tall - 1, lower - right) + np.outer(x / wide, lower - left)
+    turned = ways @ np.array(camera.matrix_world)[:3, :3].T
     return np.asarray(turned / np.linalg.norm(turned, axis=1)[:, None])
 
 

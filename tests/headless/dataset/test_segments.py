@@ -6,8 +6,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 from mathutils import Vector
 
+from forest_addon.blender.show.shaded import camera_rays
 from headless.dataset.formats import segments_from
-from headless.dataset.scene import camera_rays
 
 
 @pytest.mark.parametrize(("wide", "high"), [(64, 40), (40, 64), (33, 33)])
@@ -25,10 +25,10 @@ def test_a_point_on_a_pixels_ray_is_projected_to_its_middle(empty_blender, wide,
     scene.render.resolution_x, scene.render.resolution_y = wide, high
     scene.render.resolution_percentage = 100
     bpy.context.view_layer.update()
-    place, ways = camera_rays(scene)
-    assert ways.shape == (high, wide, 3)
-    for row, column in ((0, 0), (high - 1, wide - 1), (7, 20), (high // 2, wide // 2)):
-        seen = world_to_camera_view(scene, eye, Vector(place + 9.0 * ways[row, column]))
+    pixels = np.array([(0, 0), (high - 1, wide - 1), (7, 20), (high // 2, wide // 2)])
+    ways = camera_rays(scene, pixels[:, 1] + 0.5, pixels[:, 0] + 0.5)
+    for (row, column), way in zip(pixels.tolist(), ways, strict=True):
+        seen = world_to_camera_view(scene, eye, Vector(np.array(eye.location) + 9.0 * way))
         assert seen.z > 0
         assert seen.x * wide == pytest.approx(column + 0.5, abs=1e-3)
         assert (1 - seen.y) * high == pytest.approx(row + 0.5, abs=1e-3)
