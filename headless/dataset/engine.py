@@ -307,7 +307,7 @@ class Worker:
         return self._answer(time.monotonic() + STARTS_IN, float("inf")).why
 
     def _answer(self, deadline: float, most: float, job: WorkerJob | None = None) -> SceneOutcome:
-        """What the process says, of a job or of its start, or what became of it instead; then it is dead."""
+        """Answer of the process to a job, or at its start, or what became of it instead; then it is dead."""
         try:
             if job is not None:
                 self._pipe.send(job)
