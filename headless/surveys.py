@@ -47,6 +47,7 @@ from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.paths import SceneMotion
 from forest_addon.spec import (
     Beam,
+    Forest as Field,
     Mobile,
     Noise,
     Planting,
@@ -56,7 +57,6 @@ from forest_addon.spec import (
     Terrain,
     Terrestrial,
 )
-from forest_addon.spec import Forest as Field
 
 from .command import species_of_map
 from .progress import Stages, hushed

@@ -35,8 +35,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from forest_addon import api as forest
-from forest_addon import spec
+from forest_addon import api as forest, spec
 from forest_addon.formats.toml_file import write_settings
 from headless.cli import main as headless
 

@@ -21,8 +21,7 @@ from PIL import Image, ImageChops, ImageDraw
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from forest_addon import api as forest
-from forest_addon import spec
+from forest_addon import api as forest, spec
 from forest_addon.blender.show.preview import render, set_stage
 from forest_addon.blender.show.wind import show_wind
 from forest_addon.drawing.figures import blank_figure, save_figure

@@ -17,8 +17,7 @@ from typing import Any
 
 from forest_addon.api import SpecError
 
-from .bench.run import ON_REQUEST, SECTIONS
-from .bench.run import run as run_bench
+from .bench.run import ON_REQUEST, SECTIONS, run as run_bench
 from .inside import Keeper, keeping, refuse_beyond
 
 DATA = "FOREST_MEASURED"  # the environment's name for the folder of measurements

@@ -82,14 +82,14 @@ def empty_blender(blender):
 
 @pytest.fixture
 def headless(capfd):
-    """Runs a command in this process, as a user types it: how it ended, and what it said.
+    """Runs a command in this process, as a user types it: its exit code, and what it said.
 
-    Many run in one Blender: a process of its own for each costs seconds.
+    ends : the exit code that it must have; None: any. Many run in one Blender: a process of its own for each costs seconds.
     """
     pytest.importorskip("bpy")
     from headless.cli import main
 
-    def run(*words):
+    def run(*words, ends=0):
         capfd.readouterr()
         try:
             code = main([str(word) for word in words])
@@ -97,6 +97,7 @@ def headless(capfd):
             code = end.code
         said = capfd.readouterr()
         assert "Traceback" not in said.err
+        assert ends in (code, None), said.err
         return SimpleNamespace(returncode=code, stdout=said.out, stderr=said.err)
 
     return run

@@ -106,8 +106,7 @@ def show_closeups(
     SpecError : a species is not known, or has nothing of the kind.
     """
 
-    from forest_addon.blender.show.preview import SHOTS as KINDS
-    from forest_addon.blender.show.preview import render_closeup
+    from forest_addon.blender.show.preview import SHOTS as KINDS, render_closeup
 
     asked = [(name, kind) for name in names for kind in KINDS] or list(SHOTS)
     folder.mkdir(parents=True, exist_ok=True)

@@ -28,8 +28,13 @@ from forest_addon.formats.raster_file import write_png
 from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.results.coordinates import FILE as COORDINATES
-from forest_addon.results.coordinates import PROPERTY, Offset, on_the_map, write_note
+from forest_addon.results.coordinates import (
+    FILE as COORDINATES,
+    PROPERTY,
+    Offset,
+    on_the_map,
+    write_note,
+)
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.points import records, write_rows
 from forest_addon.results.tables import write_cylinders

@@ -58,6 +58,7 @@ from ..inside import (
     find_species,
     grow,
     impacted_area,
+    join_meshes as join,
     load_species,
     make_caster,
     mesh_wood,
@@ -70,7 +71,6 @@ from ..inside import (
     typical_tree,
     write_scan,
 )
-from ..inside import join_meshes as join
 from ..papers import simlidar as orchards
 from ..scenes import level_ground, scene_of, turned
 from .rows import BenchRow, Rows

@@ -13,8 +13,7 @@ import platform
 import re
 import time
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError
-from importlib.metadata import version as installed
+from importlib.metadata import PackageNotFoundError, version as installed
 from pathlib import Path
 
 from ..inside import save_figure, unknown, version, write_whole

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from itertools import count as counting
-from itertools import product
+from itertools import count as counting, product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from ..inside import (
     equip,
     find,
     find_species,
+    fly_pings as fly,
     grow,
     grow_forest,
     load_species,
@@ -40,7 +40,6 @@ from ..inside import (
     stream,
     sum_delayed,
 )
-from ..inside import fly_pings as fly
 from ..scenes import scene_of, scene_of_forest, turned
 from ..tables import table
 from .rows import BenchRow, Rows

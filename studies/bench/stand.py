@@ -231,8 +231,15 @@ def _in_blender(what: str, instancing: str, count: int) -> BenchRow:
     """One of growing and building a forest, reading it, the first chunk of a strip, saving and opening."""
     import bpy
 
-    from ..inside import Observer, Scan, choose, empty_file, open_file, save_blend
-    from ..inside import build_scene as build
+    from ..inside import (
+        Observer,
+        Scan,
+        build_scene as build,
+        choose,
+        empty_file,
+        open_file,
+        save_blend,
+    )
 
     def made() -> GrownForest:
         settings, forest = _grown(instancing, count)

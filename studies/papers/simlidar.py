@@ -27,6 +27,7 @@ import numpy as np
 
 from forest_addon.api import (
     Detail,
+    Forest as Field,
     GrownForest,
     Progress,
     Rays,
@@ -36,7 +37,6 @@ from forest_addon.api import (
     Stand,
     Tractor,
 )
-from forest_addon.api import Forest as Field
 
 from ..inside import (
     BARK,
@@ -517,8 +517,7 @@ def stand_up(forest: GrownForest, scene: Scene, rays: Rays) -> Observer:
     with hushed():
         import bpy
 
-        from ..inside import Observer, empty_file
-        from ..inside import build_scene as build
+        from ..inside import Observer, build_scene as build, empty_file
 
         empty_file()
     build(bpy.context.scene, scene, forest)

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from forest_addon.api import (
     Airborne,
     Beam,
+    Forest as Field,
     GrownForest,
     Noise,
     Planting,
@@ -22,7 +23,6 @@ from forest_addon.api import (
     Skeleton,
     Terrestrial,
 )
-from forest_addon.api import Forest as Field
 
 from ..inside import (
     ForestSite,

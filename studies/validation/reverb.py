@@ -44,8 +44,8 @@ from ..inside import (
     stream,
     transported,
 )
-from .recordings import BANDS as RANGE_BANDS
 from .recordings import (
+    BANDS as RANGE_BANDS,
     FRAME,
     NEAREST,
     REACH,

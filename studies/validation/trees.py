@@ -17,8 +17,8 @@ from scipy.spatial import ConvexHull
 
 from forest_addon.api import Allometry, Skeleton, SpecError, Species, Tree
 
-from ..inside import COLUMNS as MEASURED
 from ..inside import (
+    COLUMNS as MEASURED,
     FAINT,
     INK,
     LEAF_GREEN,
@@ -28,6 +28,7 @@ from ..inside import (
     blank_figure,
     crown_base,
     crown_width,
+    draw_measures as draw,
     find_axes,
     find_species,
     grow,
@@ -39,7 +40,6 @@ from ..inside import (
     table_of,
     trunk_radius,
 )
-from ..inside import draw_measures as draw
 from .plots import compare_living
 from .run import Comparison, Interval, Picture
 

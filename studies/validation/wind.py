@@ -35,6 +35,7 @@ from ..inside import (
     has_curves,
     leaf_areas,
     load_species,
+    measures_drawn as drawn,
     response_of,
     save_figure,
     scaled_to,
@@ -44,7 +45,6 @@ from ..inside import (
     table_of,
     wood_of_species,
 )
-from ..inside import measures_drawn as drawn
 from .ears import displaced, of_ears
 from .run import Comparison, Interval, Picture
 

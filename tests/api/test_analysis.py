@@ -12,8 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 import laspy
 
-from forest_addon import api as forest
-from forest_addon import spec
+from forest_addon import api as forest, spec
 
 SCENE = forest.Scene(
     seed=4,

@@ -16,9 +16,11 @@ from forest_addon import api as forest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.api import given as scanners_module
-from forest_addon.api import results as results_module
-from forest_addon.api import world as world_module
+from forest_addon.api import (
+    given as scanners_module,
+    results as results_module,
+    world as world_module,
+)
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.toml_file import structure
 

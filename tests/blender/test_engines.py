@@ -9,8 +9,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from forest_addon.blender.rays import casters
-from forest_addon.blender.rays import embree as embree_library
+from forest_addon.blender.rays import casters, embree as embree_library
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.blender.rays.embree import EmbreeCaster

@@ -14,9 +14,7 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.trimesh import GROUND
 from forest_addon.blender.files.export import save_blend
 from forest_addon.blender.read.depsgraph import SPECIES_KEY, read_scene
-from forest_addon.blender.scene import assets, nodes
-from forest_addon.blender.scene import forest as forest_scene
-from forest_addon.blender.scene import forest as room
+from forest_addon.blender.scene import assets, forest as forest_scene, forest as room, nodes
 from forest_addon.blender.scene.forest import build, shapes_in
 from forest_addon.blender.scene.instances import points_mesh, read_points
 from forest_addon.blender.scene.layout import (

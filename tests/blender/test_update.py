@@ -16,8 +16,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.read.depsgraph import SPECIES_KEY, TREE_KEY
-from forest_addon.blender.scene import assets, materials, nodes
-from forest_addon.blender.scene import forest as room
+from forest_addon.blender.scene import assets, forest as room, materials, nodes
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.instances import read_points
 from forest_addon.blender.scene.layout import (

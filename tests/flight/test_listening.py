@@ -16,8 +16,7 @@ from forest_addon.flight.listening import (
     sensed,
 )
 from forest_addon.flight.policies import SIZE, Trained
-from forest_addon.flight.senses import SONAR as EARS
-from forest_addon.flight.senses import EarSense
+from forest_addon.flight.senses import SONAR as EARS, EarSense
 from forest_addon.flight.stems import StemWorld
 from forest_addon.sensing.sonar.calls import synthesise
 from forest_addon.spec import Air, Flight, SpecError

@@ -11,8 +11,7 @@ import laspy
 import numpy as np
 import pye57
 import pytest
-from references.points import cloud as drawn_cloud
-from references.points import of_another_reader, ply_rows
+from references.points import cloud as drawn_cloud, of_another_reader, ply_rows
 from scipy.io import loadmat, wavfile
 from scipy.spatial import cKDTree
 

@@ -14,8 +14,7 @@ from PIL import Image
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.table import write_csv
-from forest_addon.formats.tree_map import COLUMNS as NAMED
-from forest_addon.formats.tree_map import PLACES
+from forest_addon.formats.tree_map import COLUMNS as NAMED, PLACES
 from forest_addon.results.coordinates import note_of
 from forest_addon.results.tables import COLUMNS, write_stand
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain

@@ -5,8 +5,7 @@ What is over says so; what is told is no less than what is true. `make fuzz` wit
 """
 
 import pytest
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import Phase, given, settings, strategies as st
 from references.tolerances import CASES, Case
 
 # Scenes that were over a tolerance, or told too little, by up to 17 times.

@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 import tifffile
 
-from forest_addon.formats.helios.parts import Material
-from forest_addon.formats.helios.parts import read_terrain as survey_ground
+from forest_addon.formats.helios.parts import Material, read_terrain as survey_ground
 from forest_addon.formats.raster_file import CLOUDS, POINTS, read_raster
 from forest_addon.results.points import ENDINGS
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
 from forest_addon.stand.compose import process_of
-from forest_addon.stand.files import SURFACES as SURFACES_READ
-from forest_addon.stand.files import read_inputs
+from forest_addon.stand.files import SURFACES as SURFACES_READ, read_inputs
 
 ROOT = Path(__file__).parents[2]
 EAST, NORTH, WIDE, HIGH = 500_000.0, 5_400_000.0, 31, 27  # lowest corner on the map, metres

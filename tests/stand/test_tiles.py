@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from forest_addon.base.rng import stream
 from forest_addon.sensing.lidar.pattern import Pulses, pattern_of

@@ -11,8 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from ui import test_panels
 from ui.pressing import add_cube
 

@@ -30,13 +30,11 @@ from forest_addon.sensing.kinds import KINDS
 from forest_addon.spec.base import Settings, param_of
 from forest_addon.spec.choices import ADVANCED, APPLIES, GIVEN, LEFT_OUT
 from forest_addon.ui import overlay, properties
-from forest_addon.ui.forest import hand
-from forest_addon.ui.forest import panels as forest_panels
+from forest_addon.ui.forest import hand, panels as forest_panels
 from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.sensors import panels as sensor_panels
 from forest_addon.ui.sensors.panels import _sensor_data
-from forest_addon.ui.sensors.run import MENUS, draw_menu
-from forest_addon.ui.sensors.run import forest as run_forest
+from forest_addon.ui.sensors.run import MENUS, draw_menu, forest as run_forest
 from forest_addon.ui.settings import drawing, exchange, references
 from forest_addon.ui.settings.groups import fields_of
 from forest_addon.ui.shell import running

@@ -48,8 +48,7 @@ from forest_addon.spec import (
 from forest_addon.spec.base import with_files
 from forest_addon.ui.forest.scene_file import write_scene
 from forest_addon.ui.overlay import seen_points
-from forest_addon.ui.settings import exchange
-from forest_addon.ui.settings import references as saved
+from forest_addon.ui.settings import exchange, references as saved
 from forest_addon.ui.species.edit import relocated
 from headless.cli import main
 from headless.dataset import scene as dataset

@@ -33,8 +33,7 @@ from ..scene.layout import (
     own,
     settle,
 )
-from ..scene.nodes import HIGH as HIGH
-from ..scene.nodes import LOW, choose_input, has_input, set_input, shown_corners
+from ..scene.nodes import HIGH as HIGH, LOW, choose_input, has_input, set_input, shown_corners
 from .cloud_nodes import (
     FARTHEST,
     GOLDEN,

@@ -15,12 +15,10 @@ from collections.abc import Mapping, Sequence
 import bpy
 import numpy as np
 
-from ...base.labels import LEVELS
-from ...base.labels import MEASURES as SCALE
+from ...base.labels import LEVELS, MEASURES as SCALE
 from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
 from ..scene.materials import coloured
-from ..scene.nodes import HIGH as HIGH
-from ..scene.nodes import LOW, Graph, Value, marked
+from ..scene.nodes import HIGH as HIGH, LOW, Graph, Value, marked
 
 GROUP, HEARD_GROUP = "Forest Sensing Points", "Forest Sensing Echo Points"
 # A group with other sockets than these gets another number. Of version 2 no points were left out in views.

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...base.rows import RowTable, distinct, lengths
-from ...base.trimesh import LEAF as LEAF_PART
-from ...base.trimesh import TriMesh
+from ...base.trimesh import LEAF as LEAF_PART, TriMesh
 from ...spec import Sonar
 from ..rays.geometry import SceneGeometry
 from .facets import FacetPopulation

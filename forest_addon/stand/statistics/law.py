@@ -68,7 +68,7 @@ BLOCK = 16384  # trees whose neighbours are held at once
 NEIGHBOURS = 50  # of a tree, on average, within the largest radius that is chosen by itself
 STEPS = 60  # radii that are chosen by themselves
 FEWEST = 5.0  # expected trees of a quadrat; those with fewer are pooled (Cochran)
-FINE = 512  # points along the longer side by which λ is integrated over quadrats
+FINE = 256  # points along the longer side by which λ is integrated over quadrats
 
 At = Callable[[np.ndarray], np.ndarray]  # λ (N,) at points (N, 2)
 

@@ -24,8 +24,7 @@ import bpy
 from bpy.app.translations import contexts, pgettext_iface, pgettext_rpt
 
 from ...base.places import ASSETS
-from ...base.words import Kept as Kept
-from ...base.words import keep as keep
+from ...base.words import Kept as Kept, keep as keep
 
 
 def say(pattern: str, /, **values: object) -> str:

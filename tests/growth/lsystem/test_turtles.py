@@ -7,8 +7,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from references.turtles import grow_plainly, walk_plainly
 from scipy.stats import chi2
 

@@ -4,8 +4,7 @@ up. What is recognised in trees of known structure.
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from references.model_tree import Model, at, blade, line, tree, tube
 
 from forest_addon.growth.own_tree.centreline import find_contacts

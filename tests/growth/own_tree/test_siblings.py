@@ -30,8 +30,7 @@ from forest_addon.growth.likeness import (
     trunk_radius,
 )
 from forest_addon.growth.lsystem.system import read_system
-from forest_addon.growth.lsystem.turtle import ABOP, read_commands
-from forest_addon.growth.lsystem.turtle import walk as walk_turtle
+from forest_addon.growth.lsystem.turtle import ABOP, read_commands, walk as walk_turtle
 from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.own_tree.anatomy import OFF, Anatomy, dissect
 from forest_addon.growth.own_tree.habit import PLACES, fit

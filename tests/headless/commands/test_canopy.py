@@ -87,14 +87,13 @@ CLAP = ROOT / "assets" / "sounds" / "clap.wav"
 def test_convolve_from_the_command_line(headless, tmp_path):
     response = tmp_path / "ir.wav"
     wavfile.write(response, 48_000, np.array([[0, 1.0], [0.5, 0]], np.float32))
-    ended = headless("convolve", response, CLAP)
-    assert ended.returncode == 0, ended.stderr
+    headless("convolve", response, CLAP)
     rate, wet = wavfile.read(tmp_path / "ir-clap.wav")
     _, dry = wavfile.read(CLAP)
     assert (rate, wet.dtype) == (48_000, np.float32)
     np.testing.assert_allclose(wet[1:, 0], 0.5 * dry / 32768, atol=1e-7)
     np.testing.assert_allclose(wet[:-1, 1], dry / 32768, atol=1e-7)
-    assert headless("convolve", tmp_path / "none.wav", CLAP).returncode == 2
+    headless("convolve", tmp_path / "none.wav", CLAP, ends=2)
 
 
 @pytest.mark.parametrize(

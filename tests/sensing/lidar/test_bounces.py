@@ -6,8 +6,7 @@ from math import erfc, sqrt
 import laspy
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from references.rays import BruteCaster, scene_with
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh

@@ -27,8 +27,7 @@ from forest_addon.sensing.sonar.echo import Echo
 from forest_addon.sensing.sonar.leaves import LeafDiscs, LeafEchoes
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.trajectory import frame_of
-from forest_addon.spec import Air
-from forest_addon.spec import Sonar as AnySonar
+from forest_addon.spec import Air, Sonar as AnySonar
 
 AIR = Air(sound_speed=340.0)
 

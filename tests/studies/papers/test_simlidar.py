@@ -9,8 +9,7 @@ from forest_addon.growth.skeleton import Skeleton
 from forest_addon.sensing.lidar import tractor as driven
 from studies.__main__ import main
 from studies.bench.lidar import first_hits
-from studies.papers import simlidar
-from studies.papers import simlidar as orchards
+from studies.papers import simlidar, simlidar as orchards
 from studies.papers.simlidar import Orchard, orchard_of, read_rows
 
 SMALL = [

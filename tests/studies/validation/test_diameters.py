@@ -11,8 +11,7 @@ from scipy import stats
 from forest_addon.base.rng import stream
 from forest_addon.formats.tree_map import read_tree_map
 from forest_addon.stand.statistics.intensity import Window
-from studies.validation import leaves
-from studies.validation import tapes as residuals
+from studies.validation import leaves, tapes as residuals
 from studies.validation.leaves import KINDS
 from studies.validation.stand import MAPS, fit_covariates, judge
 from studies.validation.tapes import (

@@ -19,12 +19,12 @@ from forest_addon.spec import Mobile, SpecError
 from headless.surveys import FlownCloud
 from studies.__main__ import main
 from studies.scenes import level_ground
-from studies.validation import cloud_pair as cloud_sums
-from studies.validation import flights, lidar, own_cloud
+from studies.validation import cloud_pair as cloud_sums, flights, lidar, own_cloud
 from studies.validation.cloud_pair import compare_clouds, hold_pair, lines_in, rarefied, stems_of
 from studies.validation.flights import (
     BLOCK,
     FLIGHTS,
+    HELD_BY_WOOD as WOOD,
     IntensityScale,
     clumping_of,
     halves_apart,
@@ -36,7 +36,6 @@ from studies.validation.flights import (
     threshold,
     trees_of,
 )
-from studies.validation.flights import HELD_BY_WOOD as WOOD
 from studies.validation.lidar import detected
 from studies.validation.own_cloud import CloudReturns, compare_own, read_cloud
 from studies.validation.plots import VOXEL, measure_plot

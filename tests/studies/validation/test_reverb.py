@@ -7,8 +7,7 @@ import pytest
 from scipy.io import wavfile
 
 from forest_addon.spec import SpecError
-from studies.validation import reverb
-from studies.validation import reverb as reverb_own
+from studies.validation import reverb, reverb as reverb_own
 from studies.validation.recordings import (
     decay_of,
     read_recording,

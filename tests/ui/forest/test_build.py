@@ -23,8 +23,7 @@ from ui.pressing import (
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.jobs import Job
 from forest_addon.blender.read.depsgraph import read_scene
-from forest_addon.blender.scene import forest as room
-from forest_addon.blender.scene import layout
+from forest_addon.blender.scene import forest as room, layout
 from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.scene.layout import TREES, part
 from forest_addon.blender.scene.nodes import shown_of

@@ -28,6 +28,7 @@ from ...rays.geometry import SceneGeometry
 from ..trunks import Field, Trunks
 from .clutter import (
     ALL_WAYS,
+    BARE as NO_CLUTTER,
     LAYER,
     Blades,
     Clutter,
@@ -37,7 +38,6 @@ from .clutter import (
     rods_of_mesh,
     shoot_triangles,
 )
-from .clutter import BARE as NO_CLUTTER
 from .losses import TrunkStand, stand_of
 from .transport import Density
 
