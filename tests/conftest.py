@@ -84,7 +84,8 @@ def empty_blender(blender):
 def headless(capfd):
     """Runs a command in this process, as a user types it: its exit code, and what it said.
 
-    ends : the exit code that it must have; None: any. Many run in one Blender: a process of its own for each costs seconds.
+    ends : the exit code that it must have; None: any.
+    Many run in one Blender: a process of its own for each costs seconds.
     """
     pytest.importorskip("bpy")
     from headless.cli import main
