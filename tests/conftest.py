@@ -73,6 +73,15 @@ def computed_by(request, monkeypatch):
     return request.param
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_lines(request):
+    """Volumes of wood by few lines where forests are built in most tests, and nobody looks at volumes."""
+    with pytest.MonkeyPatch.context() as patch:
+        if {"blender", "ui"} & set(request.path.parts):
+            patch.setattr("forest_addon.growth.truth.TESTS", 20_000)
+        yield
+
+
 @pytest.fixture
 def empty_blender(blender):
     """Blender with nothing in it. Preferences are not read again, which takes four times as long."""
