@@ -29,8 +29,7 @@ from forest_addon.drawing.palette import SPECIES
 from forest_addon.drawing.strips import Plot, stand_map
 from forest_addon.formats.atomic import write_whole
 from forest_addon.formats.raster_file import write_png
-from forest_addon.results.kind import Finding as SensorFinding
-from forest_addon.results.kind import facts, of_forest
+from forest_addon.results.kind import Finding as SensorFinding, facts, of_forest
 from forest_addon.results.kinds import results_of
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kind import Seen
