@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -136,6 +136,7 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
         start = stop
     has_uv = all(m.uv is not None for m in meshes)
     has_order = all(m.order is not None for m in meshes)
+    edges = [(m.edges, len(m.vertices)) for m in meshes if m.edges is not None]
     return TriMesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
         triangles=triangles,
@@ -146,20 +147,18 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
         order=np.concatenate([m.order for m in meshes if m.order is not None])
         if has_order
         else None,
-        edges=join_edges(meshes),
+        edges=partial(join_edges, edges) if len(edges) == len(meshes) else None,
     )
 
 
-def join_edges(meshes: Sequence[TriMesh]) -> Edges | None:
-    """Edges of the joined meshes, if they are known of all."""
+def join_edges(parts: Sequence[tuple[Edges | Callable[[], Edges], int]]) -> Edges:
+    """Edges of joined meshes, given those of each, or what makes them, and how many vertices it has."""
     ends, of_corner = [], []
     vertex = edge = 0
-    for mesh in meshes:
-        known = mesh.known_edges()
-        if known is None:
-            return None
+    for own, vertices in parts:
+        known = own() if callable(own) else own
         ends.append(known.ends + np.int32(vertex))
         of_corner.append(known.of_corner + np.int32(edge))
-        vertex += len(mesh.vertices)
+        vertex += vertices
         edge += len(known.ends)
     return Edges(np.concatenate(ends), np.concatenate(of_corner))

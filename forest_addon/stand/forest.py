@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.kept import LastAsked
 from ..base.progress import Progress
 from ..base.rng import stream
 from ..base.rows import blocks, lengths
@@ -64,33 +65,14 @@ MOST_KEPT = 500_000_000  # bytes
 Key = tuple[Any, ...]
 
 
-class TreesBeforeFall:
-    """Trees of the forest that grew last, by all that they grew from, ``MOST_KEPT`` bytes of them."""
+KeptTrees = LastAsked[
+    Key, tuple[Tree, object]
+]  # and what each was made with, which its key tells it by
 
-    def __init__(self) -> None:
-        self._trees: dict[Key, tuple[Tree, object]] = {}
-        self._asked: set[Key] = set()
-        self._bytes = 0
 
-    def tree(self, key: Key, templates: object, make: Callable[[], Tree]) -> Tree:
-        """Return the tree of a key (``key_of``), made where it is not kept.
-
-        templates : what the key was made with; they live as long as the tree.
-        """
-        self._asked.add(key)
-        if key in self._trees:
-            return self._trees[key][0]
-        tree = make()
-        if self._bytes + tree.nbytes <= MOST_KEPT:
-            self._trees[key] = tree, templates
-            self._bytes += tree.nbytes
-        return tree
-
-    def forget_others(self) -> None:
-        """Forget trees that nobody asked for since this was called last."""
-        self._trees = {key: kept for key, kept in self._trees.items() if key in self._asked}
-        self._bytes = sum(tree.nbytes for tree, _ in self._trees.values())
-        self._asked = set()
+def keep_trees() -> KeptTrees:
+    """Trees by all that they grow from (``key_of``): those last asked for, ``MOST_KEPT`` bytes of them."""
+    return LastAsked(MOST_KEPT, lambda kept: kept[0].nbytes)
 
 
 def key_of(
@@ -193,7 +175,7 @@ class ForestPlan:
     inputs: Inputs
     measured: MeasuredTrees
     grown: Grown | None = None
-    kept: TreesBeforeFall | None = None
+    kept: KeptTrees | None = None
 
     @classmethod
     def of(
@@ -202,7 +184,7 @@ class ForestPlan:
         species: Sequence[Planted],
         inputs: Inputs | None = None,
         grown: Grown | None = None,
-        kept: TreesBeforeFall | None = None,
+        kept: KeptTrees | None = None,
     ) -> ForestPlan:
         """Plan the stand of a scene.
 
@@ -246,7 +228,7 @@ class ForestPlan:
                 tree = make(stream(*words))
             else:
                 key = key_of(words, species, templates, target)
-                tree = self.kept.tree(key, templates, lambda: make(stream(*words)))
+                tree, _ = self.kept.once(key, lambda: (make(stream(*words)), templates))
         share = fallen(self.scene.plantings[planting].season)
         return with_fallen(tree, share, stream(self.scene.seed, "tree", name, variant, "fall"))
 

@@ -474,7 +474,11 @@ def space(
 
     points : (N, 2) metres. mark : (N,) ages, smaller is older; of two alike the first is older.
     """
-    return {"matern": matern_ii, "greedy": greedy}[rule](points, mark, spacing)
+    if spacing.reach() <= 0 or len(points) < 2:
+        return np.ones(len(points), dtype=bool)
+    age = np.empty(len(mark), dtype=np.int64)
+    age[np.argsort(mark, kind="stable")] = np.arange(len(mark))
+    return {"matern": matern_ii, "greedy": greedy}[rule](points, age, spacing)
 
 
 def apart_from(points: np.ndarray, fixed: np.ndarray, spacing: Spacing) -> np.ndarray:
@@ -486,11 +490,8 @@ def apart_from(points: np.ndarray, fixed: np.ndarray, spacing: Spacing) -> np.nd
     return apart
 
 
-def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray:
-    """(N,) bool, which trees stay: those with no older tree too near."""
-    age = _ages(mark)
-    if spacing.reach() <= 0 or len(points) < 2:
-        return np.ones(len(points), dtype=bool)
+def matern_ii(points: np.ndarray, age: np.ndarray, spacing: Spacing) -> np.ndarray:
+    """(N,) bool, which trees stay: those with no older tree too near. age : (N,) ranks, 0 the oldest."""
     keep = _oldest_of_bins(points, age, spacing)
     judged = np.flatnonzero(keep)
     for tree, _ in _rivals(points, judged, np.arange(len(points)), age, spacing):
@@ -498,11 +499,11 @@ def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndar
     return keep
 
 
-def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray:
-    """(N,) bool, which trees stay: from the oldest on, those with no tree too near that stays."""
-    age = _ages(mark)
-    if spacing.reach() <= 0 or len(points) < 2:
-        return np.ones(len(points), dtype=bool)
+def greedy(points: np.ndarray, age: np.ndarray, spacing: Spacing) -> np.ndarray:
+    """(N,) bool, which trees stay: from the oldest on, those with no tree too near that stays.
+
+    age : (N,) ranks, 0 the oldest.
+    """
     by_age, keep = np.argsort(age), np.zeros(len(points), dtype=bool)
     kept, start = np.empty(0, dtype=np.int64), 0
     while start < len(points):
@@ -558,12 +559,6 @@ def _rivals(
         one, other = one[older], other[older]
         near = np.hypot(*(points[one] - points[other]).T) < spacing.between(one, other)
         yield one[near], other[near]
-
-
-def _ages(mark: np.ndarray) -> np.ndarray:
-    age = np.empty(len(mark), dtype=np.int64)
-    age[np.argsort(mark, kind="stable")] = np.arange(len(mark))
-    return age
 
 
 def _oldest_of_bins(points: np.ndarray, age: np.ndarray, spacing: Spacing) -> np.ndarray:

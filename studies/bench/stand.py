@@ -26,13 +26,12 @@ from ..inside import (
     choose_radii,
     find_species,
     fit_mixture,
-    greedy,
     grow_forest,
     inhomogeneous_k,
     kernel_estimate,
     load_species,
-    matern_ii,
     sample,
+    space,
     spec,
     stream,
     window_of,
@@ -133,7 +132,7 @@ def _marginal(process: Process, x: np.ndarray) -> float:
     return float(kstest(np.interp(x, cuts, share), "uniform").pvalue)
 
 
-RULES = {"Matérn II": matern_ii, "greedy": greedy}
+RULES = {"Matérn II": "matern", "greedy": "greedy"}
 CROWDING = 0.5  # λπr² of the spacing that is timed
 
 
@@ -149,7 +148,7 @@ def _spaced(name: str, count: int) -> BenchRow:
         theory = f", off theory {off:+.4f}" if name != "greedy" else ""
         return f"{keep.mean():.4f} stay{theory}; least distance {nearest:.6f} r"
 
-    return BenchRow(lambda: RULES[name](points, mark, alike), error, count)
+    return BenchRow(lambda: space(points, mark, alike, RULES[name]), error, count)
 
 
 # K and estimated intensities.

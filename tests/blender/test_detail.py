@@ -30,12 +30,12 @@ from forest_addon.spec import (
     Sonar,
     Terrestrial,
 )
-from forest_addon.stand.forest import TreesBeforeFall, tree_table
+from forest_addon.stand.forest import keep_trees, tree_table
 
 KINDS = ("norway-maple", "scots-pine", "norway-spruce")  # leaves, tufts, shoots
 TREE = Wanted(0.12, 9.0, 2.8, 3.0, 22.0)
 WAYS = np.array([[0, 0, 1], [1, 0, 0.1], [0, 1, 0.3], [0.6, -0.5, 0.6], [-0.7, -0.3, 0.25]])
-GROWN = TreesBeforeFall()  # no tree grows twice
+GROWN = keep_trees()  # no tree grows twice
 SIDE = 50  # rays along each side of a picture
 
 

@@ -46,7 +46,7 @@ from forest_addon.spec import (
     Species,
 )
 from forest_addon.stand import forest as room
-from forest_addon.stand.forest import TreesBeforeFall, tree_table
+from forest_addon.stand.forest import keep_trees, tree_table
 
 
 @pytest.mark.medium
@@ -166,12 +166,11 @@ def test_kept_trees_are_those_that_would_grow_and_a_season_grows_none(species, m
         field = Forest(size=(30, 30))
         return ForestSite.read(Scene(seed=2, forest=field, plantings=(planting,)))
 
-    kept, grew = TreesBeforeFall(), []
+    kept, grew = keep_trees(), []
     monkeypatch.setattr(room, "grow", lambda *args, **named: grew.append(1) or grow(*args, **named))
     for season, growing in ((0.0, True), (0.8, False), (1.0, False), (0.3, False)):
         grew.clear()
         forest = asked(season).grow(kept=kept)
-        kept.forget_others()
         assert bool(grew) == growing
         other = asked(season).grow()
         assert (forest.stand.scale == other.stand.scale).all()

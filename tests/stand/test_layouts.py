@@ -27,7 +27,7 @@ from forest_addon.spec import (
 from forest_addon.stand.compose import Inputs, TreeList, process_of
 from forest_addon.stand.intensity.surface import IntensityError
 from forest_addon.stand.layouts import orchard, plant_stems
-from forest_addon.stand.plan import Spacing, greedy, labels, matern_ii, plan_stand, space
+from forest_addon.stand.plan import Spacing, labels, plan_stand, space
 
 LOW, HIGH = np.array([100.0, 200.0]), np.array([120.0, 230.0])
 
@@ -267,12 +267,12 @@ def test_trees_grown_to_measure_keep_theirs_where_one_is_set_beside_them():
 # ------------------------------------------------------------------------------------------- spacing
 # Spacing against brute force, its exact minimum distance, and what no distance may do.
 
-RULES = {"matern": matern_ii, "greedy": greedy}
+RULES = ("matern", "greedy")
 
 
 def apart(rule, points, mark, distance):
     none = np.zeros(len(points))
-    return RULES[rule](points, mark, Spacing(np.array([[distance]]), none.astype(int), none))
+    return space(points, mark, Spacing(np.array([[distance]]), none.astype(int), none), rule)
 
 
 def forest(count, seed=1, cluster=False):

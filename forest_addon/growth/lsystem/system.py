@@ -532,26 +532,35 @@ def predict(system: System, generations: int) -> Prediction:
     return Prediction(sum(counts.values()), numbers, certain, dict(letters))
 
 
-def rewrite(system: System, generations: int, rng: np.random.Generator | None = None) -> Word:
+def rewrite(
+    system: System,
+    generations: int,
+    rng: np.random.Generator | None = None,
+    most: int = MAX_SYMBOLS,
+) -> Word:
     """The string after so many generations.
 
     rng : draws where productions have probabilities, one number an occurrence in the order of the string.
 
     Raises
     ------
-    ValueError : more than ``MAX_SYMBOLS``; says how many. ExpressionError : a number is not finite.
+    ValueError : more than ``most`` symbols; says how many. ExpressionError : a number is not finite.
     """
-    expected = predict(system, generations)
     if not system.conditional:
-        _refuse_if_large(expected, generations)
+        _refuse_if_large(predict(system, generations), most, generations)
     word = system.axiom
     for generation in range(1, generations + 1):
-        word = _step(system, word, generation, generations, rng)
+        word = _step(system, word, generation, generations, rng, most)
     return word
 
 
 def _step(
-    system: System, word: Word, generation: int, generations: int, rng: np.random.Generator | None
+    system: System,
+    word: Word,
+    generation: int,
+    generations: int,
+    rng: np.random.Generator | None,
+    most: int,
 ) -> Word:
     known = {**system.constants, "n": float(generation)}
     size = np.array([len(p.codes) for p in system.productions])
@@ -563,7 +572,7 @@ def _step(
         chosen[begin : begin + len(block)] = picked
         symbols += int(size[picked].sum())
         numbers += int(bears[picked].sum())
-    _refuse_if_large(Prediction(symbols, numbers, True), generations, generation)
+    _refuse_if_large(Prediction(symbols, numbers, True), most, generations, generation)
 
     table = np.concatenate([p.codes for p in system.productions])
     first = np.cumsum(size) - size
@@ -670,9 +679,11 @@ def _values(
     return values
 
 
-def _refuse_if_large(size: Prediction, generations: int, reached: int | None = None) -> None:
+def _refuse_if_large(
+    size: Prediction, most: int, generations: int, reached: int | None = None
+) -> None:
     for count, limit, what in (
-        (size.symbols, MAX_SYMBOLS, "symbols"),
+        (size.symbols, most, "symbols"),
         (size.numbers, MAX_NUMBERS, "numbers on symbols"),
     ):
         if count > limit:

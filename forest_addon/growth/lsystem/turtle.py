@@ -46,11 +46,9 @@ from .system import (
     ExpressionError,
     GrammarError,
     Notation,
-    Prediction,
     System,
     Word,
     parse_expression,
-    predict,
     read_constants,
     read_system,
     rewrite,
@@ -499,17 +497,7 @@ def grow_ruled(
 
     key : lineage of the tree, from which sizes of leaves are drawn. rng : draws of the productions.
     """
-    system = system_of(rules)
-    size, word = predict(system, rules.generations), None
-    if system.conditional or size.symbols <= MAX_WALKED:
-        word = rewrite(system, rules.generations, rng)
-        size = Prediction(len(word), 0, True)
-    if word is None or len(word) > MAX_WALKED:
-        about = "" if size.exact else "about "
-        raise ValueError(
-            f"{rules.generations} generations make {about}{written(size.symbols)} symbols, more than the "
-            f"{MAX_WALKED:,} that fit in memory as a tree; use fewer generations"
-        )
+    word = rewrite(system_of(rules), rules.generations, rng, MAX_WALKED)
     skeleton, leaves = walk(
         *(_commands(rules, word), rules.diameter, rules.tropism, rules.elasticity),
         rules.prune_descending,

@@ -211,17 +211,6 @@ def stem_line(
     return np.column_stack([aside, z])
 
 
-@dataclass(frozen=True)
-class _Limbs:
-    """K limbs on the stem: height of the foot, azimuth, horizontal reach, all (K,); angles in radians."""
-
-    foot: np.ndarray
-    azimuth: np.ndarray
-    share: np.ndarray  # of the crown's radius at the height of the tip
-    angle: np.ndarray  # to the stem
-    tip: np.ndarray  # elevation at the end
-
-
 def scaffold_of(
     plan: Architecture,
     crown: Crown,
@@ -234,18 +223,13 @@ def scaffold_of(
     size : height, height of the crown's base, its width, diameter at breast height, metres. aside : as
     ``colonise`` takes it; limbs on that side are longer, so that circles about the stem stay circles.
     """
-    height, base, width, _ = size
-    heavy = (
-        0  # limbs that the stem divides into; none with a leader, which any has when it is young
-    )
+    height, base, _, _ = size
+    heavy = 0  # limbs that the stem divides into; none with a leader, as any has when it is young
     if plan.fork < 1 and size[3] >= plan.control:
         heavy = max(1, round(plan.limbs * (size[3] / THICK_AT) ** plan.growth))
-    side = _weak(plan, size, rng) if heavy else _whorled(plan, height, base, rng)
-    foot, path = _paths(side, crown, height, base, width)
-    parts = [(foot, path)]
+    parts = [(_weak if heavy else _whorled)(plan, crown, size, rng)]
     if heavy:
-        forked = _forked(plan, crown, size, heavy, rng)
-        parts.append(forked)
+        parts.append(_forked(plan, crown, size, heavy, rng))
     leader = max(crown.leader, 0.02) if plan.fork >= 1 else 1.0
     top = base + (FORKED_TOP if heavy else leader * 0.97) * (height - base)
     feet = np.concatenate([foot for foot, _ in parts])
@@ -278,8 +262,15 @@ def scaffold_of(
     return Nodes(node, on, trunk), bearing
 
 
-def _whorled(plan: Architecture, height: float, base: float, rng: np.random.Generator) -> _Limbs:
-    """Whorls of a year from the crown's base up, the weaker branches between them."""
+def _whorled(
+    plan: Architecture,
+    crown: Crown,
+    size: tuple[float, float, float, float],
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Feet (K,) and curves (K, 4, 3) of whorls of a year from the crown's base up, and of the weaker
+    branches between them."""
+    height, base, _, _ = size
     span = height - base
     years = max(3, round(span / plan.shoot))
     level = base + span * np.arange(years) / years
@@ -303,13 +294,17 @@ def _whorled(plan: Architecture, height: float, base: float, rng: np.random.Gene
     angle = plan.angle_deg.mean + up * (plan.top_angle_deg - plan.angle_deg.mean)
     angle = np.deg2rad(angle + plan.angle_deg.sd * rng.standard_normal(len(foot)))
     tip = np.deg2rad(plan.tip_deg + up * (90 - plan.top_angle_deg - plan.tip_deg))
-    return _Limbs(foot, azimuth, reach, np.clip(angle, 0.1, 2.2), tip)
+    return foot, _paths(crown, size, foot, azimuth, reach, np.clip(angle, 0.1, 2.2), tip)
 
 
 def _weak(
-    plan: Architecture, size: tuple[float, float, float, float], rng: np.random.Generator
-) -> _Limbs:
-    """Weaker limbs of a stem that divides; the lowest stands at the crown's base."""
+    plan: Architecture,
+    crown: Crown,
+    size: tuple[float, float, float, float],
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Feet (K,) and curves (K, 4, 3) of weaker limbs of a stem that divides; the lowest stands at the
+    crown's base."""
     height, base, _, dbh = size
     span = height - base
     count = max(1, round(plan.weak * (THICK_AT / dbh) ** SHED * 0.8 * span))
@@ -319,28 +314,38 @@ def _weak(
     reach = 0.1 + 0.4 * rng.random(count)
     angle = np.deg2rad(WEAK_ANGLE + 8 * rng.standard_normal(count))
     tip = np.full(count, np.deg2rad(min(plan.tip_deg, 25.0)))
-    return _Limbs(foot, azimuth, reach, np.clip(angle, 0.3, 1.9), tip)
+    return foot, _paths(crown, size, foot, azimuth, reach, np.clip(angle, 0.3, 1.9), tip)
 
 
 def _paths(
-    limbs: _Limbs, crown: Crown, height: float, base: float, width: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Feet (K,) and the curves (K, 4, 3) of limbs, from their feet: control points of Bézier's."""
+    crown: Crown,
+    size: tuple[float, float, float, float],
+    foot: np.ndarray,
+    azimuth: np.ndarray,
+    share: np.ndarray,
+    angle: np.ndarray,
+    tip: np.ndarray,
+) -> np.ndarray:
+    """The curves (K, 4, 3) of limbs, from their feet: control points of Bézier's.
+
+    foot : (K,) heights, metres. share : (K,) of the crown's radius at the height of the tip, that a limb
+    reaches. angle : (K,) to the stem, and tip : (K,) elevation at the end, radians.
+    """
+    height, base, width, _ = size
     span = height - base
-    rise = np.tan((np.pi / 2 - limbs.angle + limbs.tip) / 2)
-    reach = np.full(len(limbs.foot), 0.3 * width / 2)
+    rise = np.tan((np.pi / 2 - angle + tip) / 2)
+    reach = np.full(len(foot), 0.3 * width / 2)
     for _ in range(6):
-        at = np.clip((limbs.foot + reach * rise - base) / span, 0.0, 0.985)
-        reach = (reach + limbs.share * width / 2 * outline(crown, at)) / 2
-    up = np.clip(limbs.foot + reach * rise, 0.3 * limbs.foot, height - 0.03 * span) - limbs.foot
+        at = np.clip((foot + reach * rise - base) / span, 0.0, 0.985)
+        reach = (reach + share * width / 2 * outline(crown, at)) / 2
+    up = np.clip(foot + reach * rise, 0.3 * foot, height - 0.03 * span) - foot
     end = np.column_stack([reach, up])
     chord = np.hypot(*end.T)[:, None] / 3
-    leave = np.column_stack([np.sin(limbs.angle), np.cos(limbs.angle)])
-    arrive = np.column_stack([np.cos(limbs.tip), np.sin(limbs.tip)])
+    leave = np.column_stack([np.sin(angle), np.cos(angle)])
+    arrive = np.column_stack([np.cos(tip), np.sin(tip)])
     flat = np.stack([np.zeros_like(end), chord * leave, end - chord * arrive, end], axis=1)
-    around = np.column_stack([np.cos(limbs.azimuth), np.sin(limbs.azimuth)])
-    path = np.concatenate([flat[:, :, :1] * around[:, None], flat[:, :, 1:]], axis=2)
-    return limbs.foot, path
+    around = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    return np.concatenate([flat[:, :, :1] * around[:, None], flat[:, :, 1:]], axis=2)
 
 
 def _forked(

@@ -222,7 +222,7 @@ def lay(
         uv=uv,
         order=borne,
         # Only a Blender mesh needs them; kept, they would be as large as the triangles twice.
-        edges=partial(repeated_edges, blade.triangles, corners, count, first.known_edges(), v),
+        edges=partial(repeated_edges, blade.triangles, corners, count, first.edges, v),
     )
 
 

@@ -17,6 +17,7 @@ afterwards.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -335,16 +336,23 @@ class CopyStock:
         """
         vertex, of_vertex, moved = self.vertices.copy(wanted)
         triangle, of_triangle, _ = self.triangles.copy(wanted)
-        edge, of_edge, edge_moved = self.edges.copy(wanted)
         wound = triangle + (len(self.corners) // 2) * mirrored[of_triangle]
         # ``take`` along the rows is twice as fast as brackets, and so are numbers of half the size.
-        corners, of_corner = self.corners.take(wound, axis=0), self.of_corner.take(wound, axis=0)
-        ends, moved = self.ends.take(edge, axis=0), moved.astype(np.int32)
+        corners, moved = self.corners.take(wound, axis=0), moved.astype(np.int32)
         corners += moved.take(of_triangle)[:, None]
-        of_corner += edge_moved.astype(np.int32).take(of_triangle)[:, None]
-        ends += moved.take(of_edge)[:, None]
         mesh = TriMesh.of_part(np.empty((0, 3)), corners, self.part, material=self.material)
-        return replace(mesh, edges=Edges(ends, of_corner)), vertex, of_vertex, of_triangle
+        edges = partial(self._copied_edges, wanted, moved, wound, of_triangle)
+        return replace(mesh, edges=edges), vertex, of_vertex, of_triangle
+
+    def _copied_edges(
+        self, wanted: np.ndarray, moved: np.ndarray, wound: np.ndarray, of_triangle: np.ndarray
+    ) -> Edges:
+        """The edges of copies, by how far their vertices have moved and which triangles they are of."""
+        edge, of_edge, edge_moved = self.edges.copy(wanted)
+        ends, of_corner = self.ends.take(edge, axis=0), self.of_corner.take(wound, axis=0)
+        ends += moved.take(of_edge)[:, None]
+        of_corner += edge_moved.astype(np.int32).take(of_triangle)[:, None]
+        return Edges(ends, of_corner)
 
 
 def corner_leaves(mesh: TriMesh) -> np.ndarray:

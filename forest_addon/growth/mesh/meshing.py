@@ -25,7 +25,9 @@ way up. The foot of a stem runs out into roots. Every ring keeps its area: its r
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -475,12 +477,17 @@ def tube_edges(
 
 
 def repeated_edges(
-    triangles: np.ndarray, corners: int, times: int, first: Edges | None = None, vertex: int = 0
+    triangles: np.ndarray,
+    corners: int,
+    times: int,
+    first: Edges | Callable[[], Edges] | None = None,
+    vertex: int = 0,
 ) -> Edges:
     """Edges of a shape (F, 3) with so many corners that is there so many times, one after the other.
 
-    first : edges that come before them, of ``vertex`` vertices.
+    first : edges that come before them, of ``vertex`` vertices, or what makes those.
     """
+    first = first() if callable(first) else first
     ahead = np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2)  # (3F, 2)
     low, high = ahead.min(axis=1).astype(np.int64), ahead.max(axis=1)
     base = int(high.max(initial=0)) + 1
@@ -611,7 +618,7 @@ def _tubes(line: Line, relief: Relief | None) -> TriMesh:
     thick = np.maximum.reduceat(line.above, line.first[:-1]) if len(sides) else np.empty(0)
     turns = np.maximum(np.rint(2 * np.pi * thick), 1.0)
 
-    known = []
+    groups: list[Callable[[], Edges]] = []
     v = t = 0
     for n in np.unique(sides):
         a, b = np.searchsorted(sides, [n, n + 1])  # axes of this group, and their rings
@@ -632,7 +639,8 @@ def _tubes(line: Line, relief: Relief | None) -> TriMesh:
         vertices[middle : middle + tubes] = line.point[line.first[a:b]]
         vertices[middle + tubes : middle + 2 * tubes] = line.point[last[a:b]]
         _triangulate(triangles[t:stop], n, v, wall, feet, tips, middle)
-        known.append(tube_edges(n, v, 3 * t // 2, wall, feet, tips, size))  # closed: 2E = 3T
+        edge = 3 * t // 2  # closed: 2E = 3T
+        groups.append(partial(tube_edges, n, v, edge, wall, feet, tips, size))
 
         own = line.order[a:b]
         order[t : t + 2 * n * len(wall)] = np.repeat(own[rings.axis[low:high][wall] - a], 2 * n)
@@ -653,10 +661,16 @@ def _tubes(line: Line, relief: Relief | None) -> TriMesh:
         material=np.zeros(count, dtype=np.int32),
         uv=texture,
         order=order,
-        edges=Edges(
-            np.concatenate([e.ends for e in known] or [np.empty((0, 2), np.int32)]),
-            np.concatenate([e.of_corner for e in known] or [np.empty((0, 3), np.int32)]),
-        ),
+        edges=partial(_joined_edges, groups),  # only a Blender mesh needs them
+    )
+
+
+def _joined_edges(groups: Sequence[Callable[[], Edges]]) -> Edges:
+    """The edges of groups of tubes, one after the other."""
+    known = [edges() for edges in groups]
+    return Edges(
+        np.concatenate([e.ends for e in known] or [np.empty((0, 2), np.int32)]),
+        np.concatenate([e.of_corner for e in known] or [np.empty((0, 3), np.int32)]),
     )
 
 

@@ -287,12 +287,6 @@ class Polygon(Mask):
                 raise IntensityError(f"{name}: hole {k} does not lie within the outline; move it")
         self._fill_bins(start, end)
 
-    @property
-    def area(self) -> float:
-        """m², without the holes."""
-        areas = [abs(_area(ring)) for ring in self.rings]
-        return float(areas[0] - sum(areas[1:]))
-
     def at(self, points: np.ndarray) -> np.ndarray:
         places = points - self.origin
         column, row = self._bin(places).T

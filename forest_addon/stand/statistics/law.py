@@ -64,7 +64,6 @@ from .intensity import (
     refit,
 )
 
-BLOCK = 16384  # trees whose neighbours are held at once
 NEIGHBOURS = 50  # of a tree, on average, within the largest radius that is chosen by itself
 STEPS = 60  # radii that are chosen by themselves
 FEWEST = 5.0  # expected trees of a quadrat; those with fewer are pooled (Cochran)
@@ -127,20 +126,19 @@ def inhomogeneous_k(
             f"the intensity is not positive at the tree at ({where[0]:g}, {where[1]:g}); "
             "K needs one that is"
         )
-    total, pairs = np.zeros(len(radius)), 0
     weight = 1 / intensity
-    for i, j in _near_pairs(points, float(radius[-1])):
-        shift = points[j] - points[i]
-        distance = np.hypot(shift[:, 0], shift[:, 1])
-        step = np.searchsorted(radius, distance)  # the first radius that reaches it
-        share = 2 * weight[i] * weight[j] / window.set_covariance(shift)
-        near = step < len(radius)
-        total += np.bincount(step[near], share[near], minlength=len(radius))
-        pairs += int(near.sum())
-    value = np.cumsum(total)
+    order = np.argsort(points[:, 0], kind="stable")
+    tree = cKDTree(points[order] - points[order[0]])  # far from 0 (UTM), digits stay
+    i, j = order[tree.query_pairs(float(radius[-1]), output_type="ndarray")].T
+    shift = points[j] - points[i]
+    step = np.searchsorted(radius, np.hypot(shift[:, 0], shift[:, 1]))  # the first that reaches it
+    share = 2 * weight[i] * weight[j] / window.set_covariance(shift)
+    near = step < len(radius)
+    counts = np.bincount(step[near], share[near], minlength=len(radius))
+    value = np.cumsum(counts, dtype=float)
     if renormalise:
         value *= window.area**2 / (weight.sum() ** 2 - (weight**2).sum())
-    return KFunction(radius, value, pairs)
+    return KFunction(radius, value, int(near.sum()))
 
 
 def choose_radii(points: np.ndarray, window: Window | Region) -> np.ndarray:
@@ -189,20 +187,6 @@ def integrate_by_quadrat(at: At, window: Window, shape: tuple[int, int]) -> np.n
     cell = window.extent / [columns * fine, rows * fine]
     mass = at(window.middles(cover.shape)).reshape(cover.shape) * cover * cell.prod()
     return np.asarray(mass.reshape(rows, fine, columns, fine).sum(axis=(1, 3)))
-
-
-def _near_pairs(points: np.ndarray, reach: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Every pair nearer than ``reach`` once, as two arrays of point numbers, block by block along x."""
-    order = np.argsort(points[:, 0], kind="stable")
-    sorted_points = points[order] - points[order[0]]  # far from 0 (UTM), digits stay
-    for first in range(0, len(points), BLOCK):
-        block = min(BLOCK, len(points) - first)
-        end = sorted_points[first + block - 1, 0] + reach
-        stop = int(np.searchsorted(sorted_points[:, 0], end, side="right"))
-        tree = cKDTree(sorted_points[first:stop])
-        pairs = tree.query_pairs(reach, output_type="ndarray")
-        pairs = pairs[pairs[:, 0] < block]  # a pair of later trees comes with their own block
-        yield order[first + pairs[:, 0]], order[first + pairs[:, 1]]
 
 
 def _pool(count: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

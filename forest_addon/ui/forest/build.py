@@ -52,7 +52,7 @@ from .scene_file import beside_cube, take_scene
 
 if TYPE_CHECKING:
     from ...site import ForestSite
-    from ...stand.forest import GrownForest, TreesBeforeFall
+    from ...stand.forest import GrownForest, KeptTrees
 
 QUIET = 0.2  # s without a change before anything is done
 LOOK = 0.05  # s between two looks at what is under way
@@ -257,17 +257,14 @@ WINDOW_HANDLERS = (
 
 
 DEMO = ASSETS / "scenes" / "demo.toml"
-_kept: dict[str, TreesBeforeFall] = {}  # trees of the forest that grew last, once one has
+_kept: dict[str, KeptTrees] = {}  # trees that grew last, once some have
 
 
 def _grown(site: ForestSite, tell: Progress) -> GrownForest:
-    """Grow a forest, but for trees that are those of the forest before, in another season perhaps."""
-    from ...stand.forest import TreesBeforeFall
+    """Grow a forest, but for trees that have grown before, in another season perhaps."""
+    from ...stand.forest import keep_trees
 
-    kept = _kept.setdefault("trees", TreesBeforeFall())
-    forest = site.grow(tell, kept=kept)
-    kept.forget_others()
-    return forest
+    return site.grow(tell, kept=_kept.setdefault("trees", keep_trees()))
 
 
 def read_site(

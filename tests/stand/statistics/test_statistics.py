@@ -86,15 +86,6 @@ def test_it_is_the_direct_sum():
     assert moved.value == pytest.approx(direct, rel=1e-6)
 
 
-def test_blocks_do_not_matter(monkeypatch):
-    points, radius = forest("blocks"), np.linspace(0.5, 6, 12)
-    whole = inhomogeneous_k(points, slope(points), FIELD, radius)
-    monkeypatch.setattr("forest_addon.stand.statistics.law.BLOCK", 50)
-    parts = inhomogeneous_k(points, slope(points), FIELD, radius)
-    assert parts.pairs == whole.pairs
-    assert parts.value == pytest.approx(whole.value, rel=1e-12)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("window", "renormalise"), [(FIELD, False), (NOTCHED, True)])
 def test_k_of_a_poisson_forest_is_pi_r_squared(window, renormalise):
