@@ -96,15 +96,9 @@ class Skeleton(RowTable):
         return replace(self.select(keep), parent=parent)
 
     def axis(self, first: int) -> list[int]:
-        """The segments of one axis, from ``first`` on, each followed by its child of equal order."""
-        chain = [first]
-        while True:
-            onward = np.flatnonzero(
-                (self.parent == chain[-1]) & (self.order == self.order[chain[-1]])
-            )
-            if not len(onward):
-                return chain
-            chain.append(int(onward[0]))
+        """The segments of one axis, from ``first`` on, each followed by that by which the axis goes on."""
+        chain: list[int] = find_axes(self).chain(first).tolist()
+        return chain[chain.index(first) :]
 
 
 @dataclass(frozen=True)
@@ -160,6 +154,11 @@ class Axes:
         axis = np.empty(len(self.segment), np.int64)
         axis[self.segment] = self.of_row
         return axis
+
+    def chain(self, segment: int) -> np.ndarray:
+        """(K,) the segments of the axis that a segment is of, from foot to tip."""
+        axis = self.of_segment[segment]
+        return self.segment[self.first[axis] : self.first[axis + 1]]
 
     @property
     def onward(self) -> np.ndarray:

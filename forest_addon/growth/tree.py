@@ -48,7 +48,7 @@ from .own_tree.habit import Habit
 from .own_tree.relay import mesh_of, skeleton_of_grown
 from .own_tree.sibling import grow_sibling
 from .own_tree.template import GraftSite, TreeTemplate, graft
-from .skeleton import Skeleton, branch_feet, first_level
+from .skeleton import Axes, Skeleton, branch_feet, find_axes, first_level
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
 FEWEST = 7  # blades of a shoot
@@ -234,8 +234,9 @@ def _grafted(
     """A tree of a trunk and branch templates."""
     symbols = string_of(species.grammar)
     skeleton = interpret(symbols, species.grammar, species.jitter, rng)
-    trunk = skeleton.axis(0)
-    sites = _sites(skeleton, trunk, species, rng)
+    axes = find_axes(skeleton)
+    trunk = axes.chain(0)
+    sites = _sites(skeleton, axes, species, rng)
     scions = template.branches
     one_each = len(sites) == len(scions)
     chosen = np.arange(len(sites)) if one_each else rng.integers(len(scions), size=len(sites))
@@ -267,14 +268,14 @@ def _leaf_keys(count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _sites(
-    skeleton: Skeleton, trunk: list[int], species: Species, rng: np.random.Generator
+    skeleton: Skeleton, axes: Axes, species: Species, rng: np.random.Generator
 ) -> list[GraftSite]:
     """Foot, direction and length of every first-level branch, from the lowest up, then the tip."""
-    length = skeleton.length
+    length, trunk = skeleton.length, axes.chain(0).tolist()
     onward = dict(pairwise(trunk))
     sites: list[GraftSite] = []
     for first in branch_feet(skeleton):
-        reach = float(length[skeleton.axis(int(first))].sum())
+        reach = float(length[axes.chain(first)].sum())
         direction = skeleton.end[first] - skeleton.start[first]
         direction /= np.linalg.norm(direction)
         node = onward.get(int(skeleton.parent[first]))
@@ -294,7 +295,7 @@ def _sites(
     return sites
 
 
-def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
+def _trunk_mesh(skeleton: Skeleton, trunk: np.ndarray) -> TriMesh:
     """The trunk as one tube, smooth through the nodes, with a flare at the foot."""
     from scipy.interpolate import PchipInterpolator
 

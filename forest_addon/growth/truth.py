@@ -152,9 +152,7 @@ def volume_of(skeleton: Skeleton) -> float:
     """m³ of wood."""
     length, volume = skeleton.length, skeleton.volume
     heads, others = _joints(skeleton, length)
-    if not len(heads):
-        return float(volume.sum())
-    count = int(np.clip(POINTS // len(heads), FEWEST, MOST))
+    count = int(np.clip(POINTS // max(len(heads), 1), FEWEST, MOST))
     others = np.where(_near(skeleton, heads, others), others, -1)
     some = np.flatnonzero((others >= 0).any(axis=1))  # the rest share nothing
     heads, others = heads[some], others[some]

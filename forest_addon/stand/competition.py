@@ -43,8 +43,6 @@ def cover(place: np.ndarray, height: np.ndarray, width: np.ndarray) -> np.ndarra
 
     The stand is taken to go on beyond the rectangle that its trees stand in as it is within.
     """
-    if len(place) < 2:
-        return np.zeros(len(place))
     a, b, weight, seen = _near(place, width)
     taller = np.clip(height[a] / height[b], 0.2, 3.0) ** 2
     area = np.pi / 4 * width**2
@@ -143,8 +141,6 @@ def aside(
     For. Res. 33:1323): here to the mean place of what neighbours of the canopy (N,) bool leave of the area
     about a tree. Where that ends with the rectangle of the canopy, the opposite side does not count either.
     """
-    if len(place) < 2:
-        return np.zeros((len(place), 2))
     low, high = place[canopy].min(axis=0), place[canopy].max(axis=0)
     tree, other = claimants(place, height, width, AROUND[-1])
     pairs = tree[canopy[other]], other[canopy[other]]
@@ -168,8 +164,6 @@ def filled(
     Crowns of closed stands grow towards gaps, so that they leave less sky than circles drawn at random. A
     tree with gaps on all sides, or on none, stays as drawn.
     """
-    if len(place) < 2:
-        return width
     eye = place[:, None] + BESIDE * width[:, None, None] / 2 * WAYS
     pairs = claimants(place, height, width, BESIDE)
     gaps = unclaimed(eye, place, width, pairs, BESIDE).mean(axis=1)

@@ -384,8 +384,6 @@ def drag_area_of(
     layer.
     """
     stand, areas = forest.stand, np.zeros(LAYERS)
-    if not len(stand) or stand.area <= 0:
-        return areas
     for key, tree in forest.variants.items():
         same = (stand.species == key[0]) & (stand.variant == key[1])
         place, area = drag_slices(tree, wood_of(key).one_sided)

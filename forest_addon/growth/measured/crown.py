@@ -412,8 +412,6 @@ def _divided(
     ends = np.append(starts[1:], len(place)) - 1
     each = np.maximum(0, rng.poisson(plan.divide, count))
     of = np.repeat(np.arange(count), each)
-    if not len(of):
-        return np.empty((0, 3)), np.empty(0, np.int64), np.empty(0, np.int64)
     along = 0.3 + 0.5 * rng.random(len(of))
     at = (starts[of] + along * (ends[of] - starts[of])).astype(int)
     tip = place[ends[of]]

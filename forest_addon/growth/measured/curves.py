@@ -311,8 +311,6 @@ def _moved_sites(
     skeleton: Skeleton, sites: LeafSites, curves: Curves, row: np.ndarray, u: np.ndarray
 ) -> LeafSites:
     """Leaf sites on the curves."""
-    if not len(sites):
-        return sites
     on = np.maximum(sites.segment, 0)
     start = skeleton.start[on]
     share, aside = beside_segments(sites.foot, start, skeleton.end[on] - start)

@@ -235,8 +235,6 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     vertices = corners[first]
     search = scipy.spatial.cKDTree(vertices, balanced_tree=False, compact_nodes=False)
     near = search.query_pairs(WELD * extent, output_type="ndarray")
-    if not len(near):
-        return vertices, index.reshape(-1, 3)
     label = join_along(near, len(vertices))
     _, chosen = np.unique(label, return_index=True)  # the first of each chain
     return vertices[chosen], label[index].reshape(-1, 3).astype(np.int64)

@@ -452,8 +452,6 @@ def _fitting(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pieces and scales; where a piece would be scaled too far, that of its order nearest in length."""
     far = np.flatnonzero(np.abs(np.log(scale)) > np.log(MOST_SCALE))
-    if not len(far):
-        return piece, scale
     reach = habit.anatomy.lines.reach()
     pool = np.flatnonzero(habit.anatomy.order == order)
     pool = pool[np.argsort(reach[pool], kind="stable")]

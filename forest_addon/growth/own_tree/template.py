@@ -37,7 +37,7 @@ from ...spec import Grammar, Jitter, Leaf
 from ..lsystem.branching import interpret, string_of
 from ..mesh.blades import Blade, lay, leaves_on_nodes
 from ..mesh.leaves import CopyStock, Leaves, about_vertical, leaves_apart, measure_leaves
-from ..skeleton import branch_feet
+from ..skeleton import branch_feet, find_axes
 from .centreline import find_contacts
 from .recognise import Recognition, TemplateError, checked_facets, recognise
 
@@ -291,8 +291,8 @@ def fit_grammar(template: TreeTemplate) -> Grammar:
         ),
     )
     skeleton = interpret(string_of(grammar), grammar, STILL, stream(0, "habit"))
-    axes = branch_feet(skeleton).tolist()
-    reach = float(np.mean([skeleton.length[skeleton.axis(axis)].sum() for axis in axes]))
+    axes, length = find_axes(skeleton), skeleton.length
+    reach = float(np.mean([length[axes.chain(foot)].sum() for foot in branch_feet(skeleton)]))
     wanted = float(np.mean([b.length for b in branches]))
     ratio = float(np.clip(wanted / reach, 0.01, 2.0))
     fitted = replace(grammar, side_ratio=ratio)

@@ -119,8 +119,6 @@ def shape_with(
 
 def seats_of(skeleton: Skeleton, leaves: Leaves) -> LeafSites:
     """Find where leaves are held: by the end of their axis that is nearer to the wood."""
-    if not len(leaves):
-        return LeafSites.none()
     half = 0.5 * leaves.length[:, None] * leaves.axis
     ends = np.stack([leaves.centre - half, leaves.centre + half])
     nearest_by_end = [_nearest(skeleton, end) for end in ends]
