@@ -508,8 +508,8 @@ class Prediction:
 
 def predict(system: System, generations: int) -> Prediction:
     """The size after so many generations; under conditions, as if each first one always held."""
-    chance = system.stochastic
-    contents: dict[int, dict[int, float]] = {code: defaultdict(int) for code in range(256)}
+    chance, alphabet = system.stochastic, system.axiom.alphabet
+    contents: dict[int, dict[int, float]] = {code: defaultdict(int) for code in alphabet.letters()}
     for code, letters_of in contents.items():  # what a letter becomes
         cases = system.cases.get(code)
         first = cases[0] if cases else Case(None, (int(system.stay[code]),), (1.0,))
@@ -523,11 +523,12 @@ def predict(system: System, generations: int) -> Prediction:
             for successor, times in contents[code].items():
                 following[successor] += count * times
         counts = following
-    alphabet = system.axiom.alphabet
     letters: dict[str, float] = defaultdict(int)
+    numbers: float = 0
     for code, count in counts.items():
-        letters[alphabet.letters()[code][0]] += count
-    numbers = sum(count * alphabet.arity().tolist()[code] for code, count in counts.items())
+        symbol, arity = alphabet.letters()[code]
+        letters[symbol] += count
+        numbers += count * arity
     certain = not (chance or system.conditional)
     return Prediction(sum(counts.values()), numbers, certain, dict(letters))
 

@@ -32,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -133,7 +134,7 @@ def read_commands(word: Word, symbols: Sequence[str], known: Mapping[str, float]
     meanings: dict[tuple[str, int], tuple[int, list[str], list[Expression]]] = {}
     for text in symbols:
         try:
-            letter, meaning = _read_meaning(text, known)
+            letter, meaning = _read_meaning(text, tuple(known))
         except (GrammarError, ExpressionError) as problem:
             raise GrammarError(f'symbol "{text}": {problem}') from None
         meanings[letter] = meaning
@@ -156,8 +157,9 @@ def read_commands(word: Word, symbols: Sequence[str], known: Mapping[str, float]
     return kind[kept], number[kept]
 
 
+@lru_cache(maxsize=256)
 def _read_meaning(
-    text: str, known: Mapping[str, float]
+    text: str, known: tuple[str, ...]
 ) -> tuple[tuple[str, int], tuple[int, list[str], list[Expression]]]:
     """The letter of an entry, and its command, the names of its numbers and what the command is given."""
     left, equals, right = text.strip()[1:].partition("=")
@@ -479,8 +481,9 @@ def _measure_outlines(
         out[walked] = (high - low)[walked]
 
 
+@lru_cache(maxsize=16)
 def system_of(rules: Rules) -> System:
-    """The L-system that rules describe.
+    """The L-system that rules describe; read once for all trees of a species.
 
     Raises
     ------

@@ -598,16 +598,11 @@ def with_radii(skeleton: Skeleton, total: np.ndarray, crown: Crown, dbh: float) 
     total : (S,) twigs that each segment bears. dbh : that it ends at, metres.
     """
     base = skeleton.start[skeleton.order == 1, 2].min(initial=np.inf)
-    foot = dbh / 2
-
-    def thick(z: np.ndarray, pipes: np.ndarray, stem: np.ndarray) -> np.ndarray:
-        gone = crown.disused / (1 - crown.disused) * np.clip(1 - z / max(base, 1e-9), 0, 1)
-        own = np.maximum(pipes, 0.3) * (1 + np.where(stem, gone, 0.0))
-        flare = 1 + crown.flare * np.exp(-np.maximum(z, 0) / max(1.5 * foot, 1e-9))
-        return np.asarray(own ** (1 / crown.pipe) * np.where(stem, flare, 1.0))
-
-    stem = skeleton.order == 0
-    low = thick(skeleton.start[:, 2], total, stem)
+    stem, z = skeleton.order == 0, skeleton.start[:, 2]
+    gone = crown.disused / (1 - crown.disused) * np.clip(1 - z / max(base, 1e-9), 0, 1)
+    own = np.maximum(total, 0.3) * (1 + np.where(stem, gone, 0.0))
+    flare = 1 + crown.flare * np.exp(-np.maximum(z, 0) / max(1.5 * (dbh / 2), 1e-9))
+    low = own ** (1 / crown.pipe) * np.where(stem, flare, 1.0)
     # An axis narrows along a segment to where it goes on; its last segment to half.
     high = 0.5 * low
     parent = skeleton.parent

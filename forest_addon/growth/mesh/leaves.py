@@ -283,8 +283,10 @@ def _turned(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 def about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
     """Vectors (N, 3), each turned about +Z by the angle with this cosine and sine (N,)."""
-    x, y, z = vectors.T
-    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+    x, y, _ = vectors.T
+    turned = vectors.copy()
+    turned[:, 0], turned[:, 1] = cos * x - sin * y, sin * x + cos * y
+    return turned
 
 
 @dataclass(frozen=True, eq=False)

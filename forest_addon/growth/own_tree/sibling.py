@@ -211,16 +211,16 @@ def lay_trunks(
     length: np.ndarray,
     first: np.ndarray,
     variety: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bends (S, 2) and frames (S, 3, 3) of trunks: they leave the ground as in the template, and are bent
-    and lean otherwise towards the top, but not much more than it leans.
+) -> np.ndarray:
+    """Frames (S, 3, 3) of trunks: they leave the ground as in the template, and are bent and lean otherwise
+    towards the top, but not much more than it leans.
     """
     plain = lay(bend, first, start)
     most = _leans(plain, length, first) + MOST_LEAN
     owner, number = numbered(np.diff(first))
     part = number / np.diff(first)[owner]
     lean = np.clip(keyed_normal(key, "lean"), -2.0, 2.0)[owner] * part
-    chosen_bend, chosen = bend.copy(), plain.copy()
+    chosen = plain.copy()
     open_ones = np.ones(len(first) - 1, dtype=bool)
     for calm in CALMER:
         other = _bent_otherwise(bend, key[owner], part, calm * variety)
@@ -228,9 +228,9 @@ def lay_trunks(
         frame = lay(other, first, start, slope)
         fits = open_ones & (_leans(frame, length, first) <= most)
         fitting = fits[owner]
-        chosen_bend[fitting], chosen[fitting] = other[fitting], frame[fitting]
+        chosen[fitting] = frame[fitting]
         open_ones &= ~fits
-    return chosen_bend, chosen
+    return chosen
 
 
 def _bent_otherwise(
@@ -287,7 +287,7 @@ class Grown(RowTable):
 
     piece : (B,) of the template. parent : (B,) branch, -1 for a trunk. order : (B,).
     sign : (B,) -1 where the piece is mirrored. scale : (B,) of its length. key : (B,) lineage.
-    share : (B,) seat on the parent. lines, bend : their courses.
+    share : (B,) seat on the parent. lines : their courses.
     source : (S,) stretch of the template that each stretch is. girth : (S,) scale of its thickness.
     """
 
@@ -299,7 +299,6 @@ class Grown(RowTable):
     key: np.ndarray
     share: np.ndarray
     lines: Lines
-    bend: np.ndarray
     source: np.ndarray
     girth: np.ndarray
 
@@ -496,7 +495,7 @@ def _lay(
     if variety == 0:
         frame = lay(bend, first, start)
     elif order == 0:
-        bend, frame = lay_trunks(key, start, bend, length, first, variety)
+        frame = lay_trunks(key, start, bend, length, first, variety)
     else:
         part = rank / size[owner]
         bend = _bent_otherwise(bend, key[owner], part, variety)
@@ -521,4 +520,4 @@ def _lay(
     )
     middle = low[owner] + more[owner] * (rank + 0.5) / size[owner]
     orders = np.full(len(piece), order)
-    return Grown(piece, parent, orders, sign, scale, key, share, laid, bend, source, middle)
+    return Grown(piece, parent, orders, sign, scale, key, share, laid, source, middle)

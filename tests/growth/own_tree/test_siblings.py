@@ -465,8 +465,9 @@ def test_a_bent_tube_keeps_its_thickness():
     lines = anatomy.lines
     branch = slice(int(lines.first[1]), int(lines.first[2]))
     count = branch.stop - branch.start
-    grown.bend[branch] = [np.pi / 2 / count, 0.0]
-    frame = lay(grown.bend, grown.lines.first, grown.lines.frame[grown.lines.first[:-1]])
+    bend = anatomy.bend.copy()
+    bend[branch] = [np.pi / 2 / count, 0.0]
+    frame = lay(bend, grown.lines.first, grown.lines.frame[grown.lines.first[:-1]])
     feet = grown.lines.knot[grown.lines.first[:-1] + np.arange(2)]
     grown.lines.frame[:] = frame
     grown.lines.knot[:] = walk(frame, grown.lines.length, grown.lines.first, feet)
