@@ -291,8 +291,8 @@ def fit_grammar(template: TreeTemplate) -> Grammar:
         ),
     )
     skeleton = interpret(string_of(grammar), grammar, STILL, stream(0, "habit"))
-    axes, length = find_axes(skeleton), skeleton.length
-    reach = float(np.mean([length[axes.chain(foot)].sum() for foot in branch_feet(skeleton)]))
+    axes, own_lengths = find_axes(skeleton), skeleton.length
+    reach = float(np.mean([own_lengths[axes.chain(foot)].sum() for foot in branch_feet(skeleton)]))
     wanted = float(np.mean([b.length for b in branches]))
     ratio = float(np.clip(wanted / reach, 0.01, 2.0))
     fitted = replace(grammar, side_ratio=ratio)
