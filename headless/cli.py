@@ -74,6 +74,7 @@ TODO = {
     errno.ENOTDIR: "; choose another --out",
     errno.EACCES: "; choose another --out, or change its permissions",
     errno.EROFS: "; choose another --out",
+    errno.ENAMETOOLONG: "; choose a shorter --out",
 }
 STUDIES = ("validate", "bench", "study", "simlidar", "reverb-figures", "flight")
 

@@ -26,13 +26,12 @@ def only_one(root: Path, name: str = LOCK) -> Iterator[None]:
     ------
     SpecError : another command holds it; says which. The folder cannot be made or written to.
     """
-    made = not root.is_dir()
+    made = [folder for folder in (root, *root.parents) if not folder.is_dir()]
     empty = (root / name).is_file() and not (root / name).stat().st_size  # another's; it stays
     with _opened(root, name) as file:
-        file.truncate(0)
-        file.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
-        file.flush()
         try:
+            file.truncate(0)
+            file.write(json.dumps({"pid": os.getpid(), "host": platform.node()}).encode())
             remove_abandoned(root)
             yield
         finally:
@@ -40,20 +39,20 @@ def only_one(root: Path, name: str = LOCK) -> Iterator[None]:
             with suppress(OSError):  # Windows removes no open file: it stays, and is taken again
                 if not empty:
                     (root / name).unlink()
-            if made:
-                with suppress(OSError):  # there is something in it
-                    root.rmdir()
+            with suppress(OSError):  # there is something in it
+                for folder in made:
+                    folder.rmdir()
 
 
 MOST = 1000  # characters of a lock
 
 
-def _opened(root: Path, name: str) -> IO[str]:
+def _opened(root: Path, name: str) -> IO[bytes]:
     """The lock's file, held; another that its holder has removed meanwhile does not count."""
     while True:
         try:
             root.mkdir(parents=True, exist_ok=True)
-            file = open(root / name, "a+", encoding="utf-8")  # noqa: SIM115
+            file = open(root / name, "a+b", buffering=0)  # noqa: SIM115
         except OSError as problem:
             why = problem.strerror or problem
             raise SpecError(
@@ -61,7 +60,7 @@ def _opened(root: Path, name: str) -> IO[str]:
             ) from None
         taken = _take(file)
         file.seek(0)
-        said = file.read(MOST)
+        said = file.read(MOST).decode("utf-8", "replace")
         if not taken or (said and _holder(said) is None):
             file.close()
             holder = f"is in use by {_holder(said) or 'another command'}; wait for it, or end it"
@@ -73,7 +72,7 @@ def _opened(root: Path, name: str) -> IO[str]:
         file.close()
 
 
-def _take(file: IO[str]) -> bool:
+def _take(file: IO[bytes]) -> bool:
     try:
         import fcntl
     except ImportError:

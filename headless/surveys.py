@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from forest_addon.base.trimesh import GROUND, LEAF, OTHER, TriMesh
+from forest_addon.formats.crs import metres_of
 from forest_addon.formats.helios.survey import Leg, Survey, read_survey
 from forest_addon.formats.las import read_las
 from forest_addon.formats.raster_file import read_raster
@@ -323,6 +324,12 @@ def write_like(
     ------
     SpecError : a file that cannot be read, or a cloud that does not tell a single line.
     """
+    if trees is not None and metres_of(crs) != (1.0, 1.0):
+        raise SpecError(
+            "--crs",
+            f'"{crs}" does not count in metres, and --trees are planted in metres: leave it out if the cloud '
+            "names its system itself, else convert cloud and table to metres",
+        )
     cloud = read_flown(cloud_file, crs)
     flown = read_trajectory(trajectory, crs) if trajectory else None
     lines = lines_of(cloud.place, cloud.time, cloud.number, cloud.count, cloud.line)

@@ -61,7 +61,8 @@ def write_whole(path: str | os.PathLike[str], content: str | bytes, ours: bool =
 
 def partial_of(path: Path) -> Path:
     """The name that this process writes a file under until it is whole."""
-    return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    # not all letters of a name that may itself be as long as the system allows
+    return path.with_name(f".{path.stem[-40:]}.{os.getpid()}.partial{path.suffix}")
 
 
 def remove_abandoned(folder: Path) -> None:

@@ -40,7 +40,7 @@ GEO_KEYS = {  # of GeoTIFF, by their numbers
     4099: "VerticalUnitsGeoKey",
 }
 MODEL, GLOBE, PLANE, UNIT, UNIT_SIZE, HEIGHT, HEIGHT_UNIT = GEO_KEYS
-IN_DEGREES, CODES = 2, range(1024, 32767)  # a model; codes that are EPSG's
+IN_DEGREES, GEOCENTRIC, CODES = 2, 3, range(1024, 32767)  # models; codes that are EPSG's
 AWAY = 10.0  # degrees beside a system's area of use, beyond which places are taken for a slip
 URN = re.compile(r"urn:ogc:def:crs:(\w+):[^:]*:")
 
@@ -103,6 +103,8 @@ def system_of(
     try:
         if not crs and keys.get(MODEL) == IN_DEGREES:
             raise SpecError("crs", "it is in degrees; project it to metres")
+        if not crs and keys.get(MODEL) == GEOCENTRIC:
+            raise SpecError("crs", "it counts from the middle of the Earth; project it to metres")
         flat, up = metres_of(crs, keys.get(UNIT_SIZE) or unit_named(keys.get(UNIT), 1.0))
         with suppress(SpecError):  # some give a datum for the system of heights
             if code and not told and keys.get(HEIGHT) in CODES:
@@ -126,8 +128,9 @@ def metres_of(crs: str, otherwise: float = 1.0) -> tuple[float, float]:
     known = _known(crs)
     axes = known.axis_info
     if not axes or known.is_geographic or known.is_geocentric or "degree" in axes[0].unit_name:
+        how = "counts from the middle of the Earth" if known.is_geocentric else "is in degrees"
         raise SpecError(
-            "crs", f'"{short(crs)}" is in degrees, not in metres; take {nearest_metric(crs)}'
+            "crs", f'"{short(crs)}" {how}, not in metres on a map; take {nearest_metric(crs)}'
         )
     flat = axes[0].unit_conversion_factor
     return flat, axes[2].unit_conversion_factor if len(axes) > 2 else flat

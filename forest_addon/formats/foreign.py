@@ -29,6 +29,7 @@ Found = TypeVar("Found")
 StrPath = str | os.PathLike[str]
 LONGEST = 160  # characters of another program's words
 MOST = 4_000_000_000  # bytes of a file
+STREAM = 0x7FFFF000  # bytes that a WAV of unknown length counts, at least
 PACKED = 300  # points of a LAZ over those that its bytes would hold unpacked
 HEAD = 100_000  # bytes in which a PLY says what it holds
 SIZES = {  # bytes of PLY's types
@@ -62,7 +63,8 @@ def guarded(
     most : bytes of a file.
     """
 
-    known: tuple[type[Exception], ...] = (SpecError, *meant)
+    # what is not installed is no fault of a file
+    known: tuple[type[Exception], ...] = (SpecError, ModuleNotFoundError, *meant)
 
     def around(
         read: Callable[Concatenate[Path, P], Found],
@@ -117,8 +119,8 @@ def library(path: StrPath, extra: str, name: str, instead: str = "") -> Any:
 
 
 def refuse_claims(path: StrPath, most: int = MOST) -> None:
-    """Refuse what has no end, more than any reader here should hold, or LAS, PLY, glTF and USD files that
-    count more than their bytes can hold; what is missing is told later.
+    """Refuse what has no end, more than any reader here should hold, or LAS, PLY, glTF, USD and WAV files
+    that count more than their bytes can hold; what is missing is told later.
 
     Raises
     ------
@@ -145,6 +147,8 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
             claimed, room = _claims_of_las(head, room, file)
         elif head.startswith(b"PXR-USDC") and len(head) > 23:
             claimed, room = _claims_of_usd(head, room, file)
+        elif head[8:12] == b"WAVE":
+            claimed, room = _claims_of_wav(head, room, file)
     if str(path).lower().endswith(".ply") and re.match(rb"ply\s", head):
         claimed = _claims_of_ply(Path(path), head)
     elif str(path).lower().endswith((".obj", ".mtl")):
@@ -217,6 +221,16 @@ def _claims_of_usd(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
         words = (int.from_bytes(told[at : at + 8], "little") for at in (0, 8))
         counted += [(begin + length, size), (max(words), PACKED * size)]
     return max(counted, key=lambda one: one[0] / max(one[1], 1))
+
+
+def _claims_of_wav(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
+    """Bytes of sound that a WAV counts, and those that follow; a stream counts more than any file has."""
+    name, length, at = b"", 0, 12
+    while name != b"data" and at + 8 <= size:
+        file.seek(at)
+        name, length = struct.unpack(">4sI" if head[:4] == b"RIFX" else "<4sI", file.read(8))
+        at += 8 if name == b"data" else 8 + length + length % 2
+    return (length if name == b"data" and length < STREAM else 0), max(size - at, 0)
 
 
 def _claims_of_ply(path: Path, head: bytes) -> int:

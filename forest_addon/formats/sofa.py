@@ -66,10 +66,11 @@ def _read_head(path: Path, sofar: Any) -> HeadResponses:
         raise SpecError(str(path), "has both ears on one side by its ReceiverPosition; correct it")
     delay = np.asarray(getattr(sofa, "Data_Delay", 0.0), np.float64)
     delay = np.broadcast_to(np.round(delay).astype(np.int64), responses.shape[:2])
-    longest = int(np.clip(delay.max(), 0, 100_000))
-    late = np.zeros((*responses.shape[:2], responses.shape[2] + longest))
+    if delay.min(initial=0) < 0 or delay.max(initial=0) > 100_000:
+        raise SpecError(str(path), "has a Data_Delay beyond 0 to 100,000 samples; correct it")
+    late = np.zeros((*responses.shape[:2], responses.shape[2] + int(delay.max(initial=0))))
     for row, ear in np.ndindex(*delay.shape):
-        first = int(np.clip(delay[row, ear], 0, longest))
+        first = int(delay[row, ear])
         late[row, ear, first : first + responses.shape[2]] = responses[row, ear]
     rate = float(np.ravel(sofa.Data_SamplingRate)[0])
     if not rate > 0:

@@ -504,7 +504,12 @@ def _layer(path: Path) -> Sheet:
         )
     layers = [(kind or "", name) for name, kind in pyogrio.list_layers(path)]
     name = next((name for kind, name in layers if "Point" in kind), layers[0][1])
-    told, _, shapes, values = pyogrio.raw.read(path, layer=name)
+    unsaid = path.suffix.lower() in (".shp", ".zip") and not path.with_suffix(".cpg").is_file()
+    try:
+        read = pyogrio.raw.read(path, layer=name, encoding="UTF-8" if unsaid else None)
+    except UnicodeDecodeError:
+        read = pyogrio.raw.read(path, layer=name)
+    told, _, shapes, values = read
     features = [
         (
             shape and json.loads(shapely.to_geojson(shapely.from_wkb(shape))),
@@ -514,6 +519,8 @@ def _layer(path: Path) -> Sheet:
     ]
     sheet = _features(path, features, told["crs"] or "")
     sheet.said += [f'{path.name}: of {len(layers)} layers "{name}" is read'] * (len(layers) > 1)
+    if told["encoding"] != "UTF-8":  # GDAL's guess, where nothing says what letters are
+        sheet.said.append(f"{path.name}: is not UTF-8; read as {told['encoding']}")
     return sheet
 
 

@@ -26,9 +26,9 @@ def run(chosen: argparse.Namespace) -> None:
     """Sample the stand."""
     settings = read_scene(chosen.scene, chosen.seed)
     folder, picture = chosen.scene.resolve().parent, chosen.out.with_suffix(".png")
-    claim(chosen.out, picture)
     check_species(settings, folder)
     site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))  # no tree is grown
+    claim(chosen.out, picture)
     started = time.perf_counter()
     stand = site.plan()
     took = time.perf_counter() - started

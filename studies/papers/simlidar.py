@@ -50,7 +50,6 @@ from ..inside import (
     find_species,
     grow,
     hushed,
-    line_through_origin,
     load_species,
     save_figure,
     skeleton_of,
@@ -340,6 +339,32 @@ def _table_3(found: Sequence[Row]) -> list[list[str]]:
     return rows
 
 
+def line_through_origin(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope and R² of y = slope·x by least squares without an intercept, as S fits A_PR and A_L on A_IM.
+
+    R² is 1 - Σ(y - slope·x)² / Σ(y - ȳ)².
+
+    Raises
+    ------
+    ValueError : fewer than two points, or all x are 0.
+    """
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if len(x) < 2 or not x.any():
+        raise ValueError("a line needs at least two points, and an x that is not 0")
+    slope = float(x @ y / (x @ x))
+    scatter = float(((y - y.mean()) ** 2).sum())
+    missed = float(((y - slope * x) ** 2).sum())
+    return slope, 1.0 - missed / scatter if scatter > 0 else float(missed == 0)
+
+
+def impacted_by_tree(scan: Any, tractor: Tractor, trees: int) -> np.ndarray:
+    """(trees,) A_IM of the trees numbered from 0, m²; wood of no tree is left out."""
+    tree = scan.returns.tree
+    known = (tree >= 0) & (tree < trees)
+    area = wood_indices.beam_areas(scan, tractor).ravel()
+    return np.bincount(tree[known], area[known], minlength=trees)
+
+
 def fits(found: Sequence[Row]) -> dict[tuple[str, str], tuple[float, float]]:
     """Slopes and R² by (what, beam): A_PR and A_L on A_IM of either beam."""
     return {
@@ -470,11 +495,11 @@ def observe(
     built = time.process_time()
 
     scan = observer.observe(thin, scene)
-    area = (gap + 1) * wood_indices.impacted_by_tree(scan, thin, orchard.trees)
+    area = (gap + 1) * impacted_by_tree(scan, thin, orchard.trees)
     seen = time.process_time()
     solid = tractor_for(forest, SOLID, gap)
     thick = observer.observe(solid, scene, progress)
-    solid_area = (gap + 1) * wood_indices.impacted_by_tree(thick, solid, orchard.trees)
+    solid_area = (gap + 1) * impacted_by_tree(thick, solid, orchard.trees)
     upright = (gap + 1) * wood_indices.beam_areas(thick, solid, from_vertical=True)
     done = time.process_time()
 

@@ -23,7 +23,6 @@ from ..inside import (
     INK,
     LEAF_GREEN,
     blank_figure,
-    gaps_of,
     lines_of,
     numbers,
     pulses_of,
@@ -273,6 +272,12 @@ def _sums(
     sums |= _echoes(cloud, blocks)
     sums |= _stems(cloud, height, away, stems, blocks)
     return sums
+
+
+def gaps_of(place: np.ndarray, pulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(G,) metres between neighbouring returns of a pulse, and (G,) the row of the farther one."""
+    row = np.flatnonzero(np.diff(pulse) == 0) + 1
+    return np.linalg.norm(place[row] - place[row - 1], axis=1), row
 
 
 def _echoes(cloud: CloudReturns, blocks: GroundBlocks) -> dict[str, np.ndarray]:

@@ -469,6 +469,13 @@ def claiming_las(path, at, code, *values):
     path.write_bytes(raw)
 
 
+def claiming_wav(path):
+    write_wav(path, np.linspace(-1, 1, 50), 8000.0)
+    raw = path.read_bytes()
+    at = raw.index(b"data") + 4
+    path.write_bytes(raw[:at] + struct.pack("<I", 4000) + raw[at + 4 :])
+
+
 def claiming_glb(path):
     chunk = json.dumps({"asset": {"version": "2.0"}, "accessors": [{"count": 10**9}]}).encode()
     path.write_bytes(
@@ -499,6 +506,7 @@ CLAIMS = {
     "vertices": ("a.ply", text(*PLY[:2], "element vertex 4000000000", *PLY[3:], "0 0")),
     "vertices of nothing": ("a.ply", text(*PLY[:2], "element vertex 4000000000", PLY[5], "0 0")),
     "accessors": ("a.glb", claiming_glb),
+    "sound": ("a.wav", claiming_wav),
     "sparse accessors": (
         "a.gltf",
         text('{"accessors": [{"count": 3, "sparse": {"count": 4000000000}}]}'),
@@ -512,6 +520,25 @@ def test_a_head_that_counts_more_than_the_file_holds_is_refused_at_once(tmp_path
     make(tmp_path / name)
     with pytest.raises(SpecError, match=f"{name}: is broken: its head counts"):
         (read_las if name[:4] in ("a.la",) else refuse_claims)(tmp_path / name)
+
+
+def test_a_sound_of_a_stream_is_read_to_its_end(tmp_path):
+    """Who writes into a pipe cannot say how long it will be."""
+    write_wav(tmp_path / "a.wav", np.linspace(-1, 1, 50), 8000.0)
+    raw = (tmp_path / "a.wav").read_bytes()
+    at = raw.index(b"data") + 4
+    (tmp_path / "b.wav").write_bytes(raw[:at] + b"\xff" * 4 + raw[at + 4 :])
+    found = [read_wav(tmp_path / name)[0] for name in ("a.wav", "b.wav")]
+    np.testing.assert_array_equal(*found)
+
+
+def test_what_is_not_installed_is_no_fault_of_a_file(tmp_path):
+    @guarded("a table")
+    def read(path):
+        raise ModuleNotFoundError("No module named 'laspy'", name="laspy")
+
+    with pytest.raises(ModuleNotFoundError, match="laspy"):
+        read(tmp_path / "a.las")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such files")

@@ -14,7 +14,7 @@ from PIL import Image
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.table import write_csv
-from forest_addon.formats.tree_map import COLUMNS as NAMED, PLACES
+from forest_addon.formats.tree_map import COLUMNS as NAMED, NUMBERS, PLACES, read_tree_map
 from forest_addon.results.coordinates import note_of
 from forest_addon.results.tables import COLUMNS, write_stand
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
@@ -246,7 +246,16 @@ def planted(path, crs="EPSG:32632", **kinds):
 
 
 @pytest.mark.parametrize(
-    "kind", ["geojson", "xlsx", "gpkg", "shp", "zip", "degrees.csv", "degrees.geojson"]
+    "kind",
+    [
+        "geojson",
+        "xlsx",
+        "gpkg",
+        "shp",
+        "zip",
+        "degrees.csv",
+        "degrees.geojson",
+    ],
 )
 def test_a_stand_in_the_formats_of_maps_and_sheets_is_planted_again(stand, tmp_path, kind):
     path = tmp_path / f"p.{kind}"
@@ -260,6 +269,8 @@ def test_a_stand_in_the_formats_of_maps_and_sheets_is_planted_again(stand, tmp_p
         for row, name in zip(place.tolist(), species, strict=True):
             book.active.append([1, *row, name])
         book.save(path)
+    elif kind == "csv.zip":
+        write_csv(tmp_path / "p.csv", dict(zip("xy", place.T, strict=True)) | {"species": species})
     elif kind.startswith("degrees"):
         back = pytest.importorskip("pyproj").Transformer.from_crs(32632, 4326, always_xy=True)
         lon, lat = back.transform(*place.T)
@@ -276,21 +287,44 @@ def test_a_stand_in_the_formats_of_maps_and_sheets_is_planted_again(stand, tmp_p
         shapely, raw = pytest.importorskip("shapely"), pytest.importorskip("pyogrio.raw")
         shapes = shapely.to_wkb(shapely.points(place))
         raw.write(
-            path.with_suffix(".shp") if kind == "zip" else path,
+            tmp_path / "p.shp" if kind.endswith("zip") else path,
             shapes,
             [np.array(species, object)],
             ["species"],
             geometry_type="Point",
             crs="EPSG:32632",
         )
-    if kind == "zip":
-        with zipfile.ZipFile(path, "w") as archive:
-            for part in tmp_path.glob("p.[!z]*"):
-                archive.write(part, part.name)
+    if kind.endswith("zip"):
+        with zipfile.ZipFile(tmp_path / "packed", "w") as archive:
+            for part in tmp_path.glob("p.*"):
+                archive.write(part, f"{'plot/' * (kind != 'zip')}{part.name}")
                 part.unlink()
+            archive.writestr("__MACOSX/plot/._p.csv", "x,y")
+        (tmp_path / "packed").rename(path)
     again = planted(path)
     assert again.position[:, :2] == pytest.approx(stand.position[:, :2], abs=1e-6)
     assert (again.species == stand.species).all()
+
+
+@pytest.mark.parametrize("encoding", ["UTF-8", "ISO-8859-1"])
+@pytest.mark.parametrize("says", [True, False])
+def test_letters_of_a_shapefile_are_read_whether_it_says_how_they_are_stored(
+    tmp_path, encoding, says
+):
+    shapely, raw = pytest.importorskip("shapely"), pytest.importorskip("pyogrio.raw")
+    columns = [np.array(["Föhre", "Bäume"], object), np.array([9.0, 8.0])]
+    shapes = shapely.to_wkb(shapely.points([[1, 2], [3, 4]]))
+    how = {"geometry_type": "Point", "crs": "EPSG:32632", "encoding": encoding}
+    raw.write(tmp_path / "t.shp", shapes, columns, ["Art", "Höhe"], **how)
+    if says:
+        (tmp_path / "t.cpg").write_text(encoding)
+    else:
+        (tmp_path / "t.cpg").unlink(missing_ok=True)
+    found = read_tree_map(tmp_path / "t.shp")
+    assert found.species.tolist() == ["Föhre", "Bäume"]
+    assert found.numbers[:, NUMBERS.index("height")].tolist() == [9, 8]
+    guessed = "t.shp: is not UTF-8; read as ISO-8859-1"
+    assert (guessed in found.said) == (encoding != "UTF-8" and not says)
 
 
 def test_a_shapefile_without_its_table_is_refused(tmp_path):

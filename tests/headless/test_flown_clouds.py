@@ -180,6 +180,9 @@ def test_a_flight_in_feet_is_flown_in_metres(tmp_path, flight):
         like(tmp_path, "lost.las")
     named, _ = like(tmp_path, "lost.las", crs="EPSG:2227")
     assert poses(named) == pytest.approx(poses(feet))
+    (tmp_path / "trees.csv").write_text("x,y\n1,2\n")
+    with pytest.raises(SpecError, match=r"EPSG:2227. does not count in metres, and --trees are"):
+        like(tmp_path, "lost.las", crs="EPSG:2227", trees=tmp_path / "trees.csv")
 
 
 def test_a_cloud_that_is_sorted_by_place_is_flown_as_one_by_time(tmp_path, flight):

@@ -252,7 +252,9 @@ def test_what_is_read_is_not_written(headless, inputs, tmp_path, monkeypatch, wo
     done = headless(*words.split(), ends=2)
     assert f"{named}: is" in done.stderr
     assert files(here) == before
-    headless(*words.split(), "--force", ends=2)
+    forced = headless(*words.split(), "--force", ends=2)
+    if words.startswith("stand"):  # reads all before it says what it will replace
+        assert f"{named} is replaced" not in forced.stderr
     assert files(here)[named] == before[named]
 
 
@@ -443,7 +445,7 @@ def test_words_that_cannot_be_used(refused, tmp_path, monkeypatch, words, said):
     for name in ("scene.toml", "file"):
         shutil.copy(SMALL_FILE, name)
     assert said in refused(*words.split())
-    assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {"file", "scene.toml"}
+    assert {path.name for path in tmp_path.rglob("*")} == {"file", "scene.toml"}
 
 
 def no_half_written_files(out):
@@ -587,6 +589,26 @@ def test_what_a_killed_command_left_is_removed(tmp_path):
     with only_one(tmp_path):
         pass
     assert {path.name for path in tmp_path.iterdir()} == {alive, "a.partial.ply", ".other.txt"}
+
+
+def test_a_lock_that_cannot_be_written_is_not_left(tmp_path, monkeypatch):
+    """The system refuses every byte, as on a full disk."""
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, usual[1]))
+    try:
+        with pytest.raises(OSError, match="large"), only_one(tmp_path / "a" / "b"):
+            pass
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_name_as_long_as_the_system_allows_can_be_written(tmp_path):
+    for letter in "aü":
+        longest = tmp_path / f"{letter * (251 // len(letter.encode()))}.csv"
+        with replacing(longest) as partial:
+            partial.write_text("x")
+        assert longest.read_text() == "x"
 
 
 def test_an_error_names_the_file_that_was_meant(tmp_path):

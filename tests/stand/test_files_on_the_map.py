@@ -278,6 +278,13 @@ def test_degrees_are_refused_with_the_zone(tmp_path):
         survey_ground(tmp_path / "dem.tif", Material())
 
 
+@pytest.mark.parametrize("keys", [{1024: 3, 3072: 32767}, {1024: 3, 2048: 4978, 3072: 32767}])
+def test_coordinates_from_the_middle_of_the_earth_are_refused(tmp_path, keys):
+    geotiff(tmp_path / "dem.tif", heights(), keys=keys)
+    with pytest.raises(SpecError, match=r"dem\.tif.*count.* from the middle of the Earth"):
+        read_raster(tmp_path / "dem.tif")
+
+
 @pytest.mark.parametrize(
     ("kind", "hole", "tag"),
     [

@@ -212,29 +212,3 @@ def beam_areas(scan: TractorScan, tractor: Tractor, *, from_vertical: bool = Fal
 def impacted_area(scan: TractorScan, tractor: Tractor) -> float:
     """A_IM of the orchard, m²."""
     return float(beam_areas(scan, tractor).sum())
-
-
-def impacted_by_tree(scan: TractorScan, tractor: Tractor, trees: int) -> np.ndarray:
-    """(trees,) A_IM of the trees numbered from 0, m²; wood of no tree is left out."""
-    tree = scan.returns.tree
-    known = (tree >= 0) & (tree < trees)
-    area = beam_areas(scan, tractor).ravel()
-    return np.bincount(tree[known], area[known], minlength=trees)
-
-
-def line_through_origin(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope and R² of y = slope·x by least squares without an intercept, as S fits A_PR and A_L on A_IM.
-
-    R² is 1 - Σ(y - slope·x)² / Σ(y - ȳ)².
-
-    Raises
-    ------
-    ValueError : fewer than two points, or all x are 0.
-    """
-    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if len(x) < 2 or not x.any():
-        raise ValueError("a line needs at least two points, and an x that is not 0")
-    slope = float(x @ y / (x @ x))
-    scatter = float(((y - y.mean()) ** 2).sum())
-    missed = float(((y - slope * x) ** 2).sum())
-    return slope, 1.0 - missed / scatter if scatter > 0 else float(missed == 0)

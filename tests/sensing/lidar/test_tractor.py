@@ -118,7 +118,8 @@ def test_a_vertical_cylinder_has_its_visible_front():
 def test_areas_by_tree_add_up_to_the_orchard():
     scene = scene_with(ground(), post(3.0, 0.011, 0.031), post(4.0, 0.021, 0.071))
     scan = driven.drive(WOOD_INDICES_TRACTOR, BruteCaster(scene))
-    by_tree = driven.impacted_by_tree(scan, WOOD_INDICES_TRACTOR, 2)
+    simlidar = pytest.importorskip("studies.papers.simlidar")
+    by_tree = simlidar.impacted_by_tree(scan, WOOD_INDICES_TRACTOR, 2)
     assert by_tree.sum() == pytest.approx(
         driven.impacted_area(scan, WOOD_INDICES_TRACTOR), rel=1e-12
     )
@@ -185,15 +186,3 @@ def test_the_escape_value_stands_in_the_matrix_only():
     assert np.isinf(
         driven.drive(WOOD_INDICES_TRACTOR, BruteCaster(scene_with(ground()))).matrix
     ).any()
-
-
-def test_lines_through_the_origin():
-    x, noise = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, -0.2, 0.1, 0.0])
-    slope, r2 = driven.line_through_origin(x, 3.0 * x + noise)
-    assert slope == pytest.approx(3.0, abs=1e-12)  # the noise is at right angles to x
-    assert r2 == pytest.approx(1 - 0.06 / ((3 * x + noise).var() * 4))
-    assert driven.line_through_origin(x, 2 * x) == (2.0, 1.0)
-    with pytest.raises(ValueError, match="two points"):
-        driven.line_through_origin(x[:1], x[:1])
-    with pytest.raises(ValueError, match="not 0"):
-        driven.line_through_origin(0 * x, x)

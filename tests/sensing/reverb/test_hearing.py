@@ -201,6 +201,8 @@ def test_a_head_is_the_same_however_its_file_stores_it(tmp_path: Path) -> None:
     for values, words in (
         ({"ReceiverPosition": np.zeros((2, 3))}, "both ears on one side"),
         ({"ListenerUp": np.array([[1.0, 0, 0]])}, "not at right angles"),
+        ({"Data_Delay": np.array([[-1.0, 0]])}, "Data_Delay beyond 0 to 100,000 samples"),
+        ({"Data_Delay": np.array([[0.0, 1e6]])}, "Data_Delay beyond 0 to 100,000 samples"),
     ):
         with pytest.raises(SpecError, match=words):
             read_head(stored("bad.sofa", **values))

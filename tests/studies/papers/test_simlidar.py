@@ -124,3 +124,15 @@ def test_exact_cones_against_closed_forms():
     # From the side r = 1.5 at z = 2; off the axis x² + y² = r²; from above the cap, and the wall at z = 2.
     expected = [8.5, 10 - 1.6, 5.0, 7.0, np.inf]
     assert first_hits(cone, origins, ways) == pytest.approx(expected)
+
+
+def test_lines_through_the_origin():
+    x, noise = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, -0.2, 0.1, 0.0])
+    slope, r2 = simlidar.line_through_origin(x, 3.0 * x + noise)
+    assert slope == pytest.approx(3.0, abs=1e-12)  # the noise is at right angles to x
+    assert r2 == pytest.approx(1 - 0.06 / ((3 * x + noise).var() * 4))
+    assert simlidar.line_through_origin(x, 2 * x) == (2.0, 1.0)
+    with pytest.raises(ValueError, match="two points"):
+        simlidar.line_through_origin(x[:1], x[:1])
+    with pytest.raises(ValueError, match="not 0"):
+        simlidar.line_through_origin(0 * x, x)

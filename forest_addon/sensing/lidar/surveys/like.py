@@ -219,12 +219,6 @@ def pulses_of(time: np.ndarray, number: np.ndarray, count: np.ndarray) -> np.nda
     return np.cumsum(np.append(False, new))
 
 
-def gaps_of(place: np.ndarray, pulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(G,) metres between neighbouring returns of a pulse, and (G,) the row of the farther one."""
-    row = np.flatnonzero(np.diff(pulse) == 0) + 1
-    return np.linalg.norm(place[row] - place[row - 1], axis=1), row
-
-
 def split_lines(time: np.ndarray, source: np.ndarray) -> np.ndarray:
     """(N,) number of the line of each return: its point source, or a count of pauses where all have one."""
     if len(distinct(source)) > 1:
