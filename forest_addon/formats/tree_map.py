@@ -506,10 +506,11 @@ def _layer(path: Path) -> Sheet:
     name = next((name for kind, name in layers if "Point" in kind), layers[0][1])
     unsaid = path.suffix.lower() in (".shp", ".zip") and not path.with_suffix(".cpg").is_file()
     try:
-        read = pyogrio.raw.read(path, layer=name, encoding="UTF-8" if unsaid else None)
+        told, _, shapes, values = pyogrio.raw.read(
+            path, layer=name, encoding="UTF-8" if unsaid else None
+        )
     except UnicodeDecodeError:
-        read = pyogrio.raw.read(path, layer=name)
-    told, _, shapes, values = read
+        told, _, shapes, values = pyogrio.raw.read(path, layer=name)
     features = [
         (
             shape and json.loads(shapely.to_geojson(shapely.from_wkb(shape))),

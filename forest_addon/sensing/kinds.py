@@ -5,7 +5,6 @@ A sensor's own module is light; its physics is imported when it runs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -54,11 +53,6 @@ def cost_of(
     setup, work = kind.seconds_among(sensor, settings, trees, cost.count)
     setup += triangles * TRIANGLE
     return cost_with(sensor.kind, cost, -cost.setup if ready else setup, work)
-
-
-def of_family(sensors: Iterable[Sensor], family: str) -> list[Any]:
-    """Sensors of a family: "lidar", "sonar" or "reverb"."""
-    return [sensor for sensor in sensors if kind_of(sensor).family == family]
 
 
 def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:

@@ -52,12 +52,12 @@ from ..inside import (
     SceneMotion,
     Search,
     ShapePath,
+    beam_areas,
     cast_exactly,
     drive,
     embree_motion,
     find_species,
     grow,
-    impacted_area,
     join_meshes as join,
     load_species,
     make_caster,
@@ -440,6 +440,11 @@ def blocks() -> SceneGeometry:
 
 
 PAIRS = 400_000  # rays x segments at a time
+
+
+def impacted_area(scan: Any, tractor: Tractor) -> float:
+    """A_IM of an orchard, m²."""
+    return float(beam_areas(scan, tractor).sum())
 
 
 def first_hits(skeleton: Skeleton, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:

@@ -31,7 +31,6 @@ from ..inside import (
     grow,
     grow_forest,
     load_species,
-    of_family,
     ping,
     posed,
     poses_of,
@@ -91,7 +90,7 @@ def _table_1(name: str) -> BenchRow:
     settings = read_settings(ASSETS / "scenes" / f"{name}.toml", Scene)
     species = [load_species(find_species(p.species, Path())) for p in settings.plantings]
     targets = EchoTargets(scene_of_forest(grow_forest(settings, species)))
-    (sonar,) = of_family(settings.sensors, "sonar")
+    (sonar,) = [sensor for sensor in settings.sensors if sensor.kind == "sonar"]
     poses = [posed(sonar)]
     if sonar.route:
         poses = poses_of(read_route(find(sonar.route, ASSETS / "scenes", "route"), sonar.speed))

@@ -105,13 +105,11 @@ def compare_own(file: Path, scene: Path | None) -> list[Comparison]:
     """
     from forest_addon import api
 
-    from ..inside import of_family
-
     if scene is None:
         raise SpecError("--scene", "is needed beside a cloud; give the scene file that it is of")
     measured = read_cloud(file)
     settings = api.read(scene)
-    scanners = [s for s in of_family(settings.sensors, "lidar") if hasattr(s, "scanner")]
+    scanners = [s for s in settings.sensors if hasattr(s, "scanner")]
     if not scanners:
         raise SpecError(str(scene), "has no LiDAR; add one under [[sensors]]")
     world = api.build(settings, folder=scene.parent)

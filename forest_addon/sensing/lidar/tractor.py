@@ -207,8 +207,3 @@ def beam_areas(scan: TractorScan, tractor: Tractor, *, from_vertical: bool = Fal
     step = np.deg2rad(tractor.angle_step_deg) * (-1 if from_vertical else 1)
     wide = np.abs(np.sin(angle + step) - np.sin(angle))
     return tractor.step * np.where(is_wood(scan.organ), scan.distance, 0.0) * wide
-
-
-def impacted_area(scan: TractorScan, tractor: Tractor) -> float:
-    """A_IM of the orchard, m²."""
-    return float(beam_areas(scan, tractor).sum())

@@ -121,7 +121,7 @@ def test_areas_by_tree_add_up_to_the_orchard():
     simlidar = pytest.importorskip("studies.papers.simlidar")
     by_tree = simlidar.impacted_by_tree(scan, WOOD_INDICES_TRACTOR, 2)
     assert by_tree.sum() == pytest.approx(
-        driven.impacted_area(scan, WOOD_INDICES_TRACTOR), rel=1e-12
+        driven.beam_areas(scan, WOOD_INDICES_TRACTOR).sum(), rel=1e-12
     )
     # 10 scans at 2 m; of the 25 at 3 m the first 5 are hidden.
     assert by_tree[0] / by_tree[1] == pytest.approx(2.0 / 3.0 * 10 / 20, rel=1e-12)
