@@ -78,8 +78,9 @@ COMMANDS: dict[str, tuple[int, int, int]] = {
     "close": (CLOSE, 0, 0),
 }
 MOST_NUMBERS = 2
-_AXIS = {PITCH: 1, TURN: 2, ROLL: 3}  # L, U and H are x, y and z of the turtle's own frame
-_TURNS = np.isin(np.arange(16), (TURN, PITCH, ROLL))  # tables by kind of command
+# Tables by kind of command; L, U and H, which it turns about, are x, y and z of the turtle's own frame.
+_AXIS = np.array([{PITCH: 1, TURN: 2, ROLL: 3}.get(kind, 0) for kind in range(16)])
+_TURNS = _AXIS > 0
 _JOINS_ON = np.isin(np.arange(16), (TURN, PITCH, ROLL, WIDTH, THIN, BRANCH))
 _STARTS = np.isin(np.arange(16), (BRANCH, END, OUTLINE, CLOSE))  # never joined to what is before
 _PARALLEL = 1e-12  # |H × T| below which a heading counts as parallel: no bend, no roll
@@ -225,9 +226,9 @@ def join_commands(commands: Commands) -> Steps:
         turns = _TURNS[does]
         at = step[turns]
         half = np.deg2rad(number[first[at] + rank, 0]) / 2
-        local = np.stack([np.cos(half), *np.zeros((3, len(at)))])  # about the turtle's own axes
-        for command, axis in _AXIS.items():
-            local[axis] = np.where(does[turns] == command, np.sin(half), 0.0)
+        local = np.zeros((4, len(at)))
+        local[0] = np.cos(half)
+        local[_AXIS[does[turns]], np.arange(len(at))] = np.sin(half)
         turn[:, at] = local if rank == 0 else product(turn[:, at], local)
         for command in (WIDTH, THIN):
             at = step[does == command]
@@ -387,11 +388,11 @@ def _states(
     ends = np.searchsorted(depth[by_level], np.arange(int(depth.max(initial=-1)) + 2))
     for begin, end in pairwise(ends.tolist()):
         here, new, old = slice(begin, end), slice(begin + 1, end + 1), before[begin:end]
-        turned = product(turn[:, old], local[:, here])
+        turned = product(turn.take(old, axis=1), local[:, here])
         rolls = np.flatnonzero(levels_left[here])
         if len(rolls):
             turned[:, rolls] = _level(turned[:, rolls])
-        place[:, new] = place[:, old] + reach[here] * _heading(turned)
+        place[:, new] = place.take(old, axis=1) + reach[here] * _heading(turned)
         bent = np.flatnonzero(bends[here])
         if len(bent):
             turned[:, bent] = _bend(turned[:, bent], tropism, elasticity)

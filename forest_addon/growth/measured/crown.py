@@ -122,16 +122,11 @@ def colonise(
         bearing = stem[:, 2] >= base - 1e-9
         scaffold = Nodes(stem, along, np.ones(len(stem), dtype=bool)), bearing
     given, bearing = scaffold
-    place, parent = [given.place], [given.parent]
-    count = len(given.place)
-    fresh, number = given.place, np.arange(count)
-    fresh, number = (
-        (fresh[bearing], number[bearing]) if bearing.any() else (fresh[-1:], number[-1:])
-    )
+    every, parent, number = given.place, [given.parent], np.flatnonzero(bearing)
+    fresh = every[number]
     near = np.full(len(points), np.inf)
     owner = np.zeros(len(points), dtype=np.int64)
-    every = place[0]
-    steps = np.zeros((count, 3))  # the last step of each node, so that none is taken twice
+    steps = np.zeros_like(every)  # the last step of each node, so that none is taken twice
     for _ in range(MOST_ROUNDS):
         if not len(points) or not len(fresh):
             break
@@ -156,13 +151,11 @@ def colonise(
         grown, way = grown[~again], way[~again]
         steps[grown] = way
         fresh = every[grown] + step * way
-        number = count + np.arange(len(fresh))
-        count += len(fresh)
-        place.append(fresh)
+        number = len(every) + np.arange(len(fresh))
         parent.append(grown)
         every = np.concatenate([every, fresh])
         steps = np.concatenate([steps, np.zeros_like(fresh)])
-    trunk = np.zeros(count, dtype=bool)
+    trunk = np.zeros(len(every), dtype=bool)
     trunk[: len(given.trunk)] = given.trunk
     return Nodes(every, np.concatenate(parent).astype(np.int64), trunk)
 
