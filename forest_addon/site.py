@@ -21,7 +21,7 @@ from .sensing.kinds import kind_of
 from .spec import AUTO, Scene, SpecError
 from .stand.compose import Inputs
 from .stand.files import read_inputs
-from .stand.forest import ForestPlan, Grown, GrownForest, KeptTrees, Planted
+from .stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBefore
 from .stand.intensity.surface import GroundSurface, roughened
 from .stand.plan import Stand, plan_stand, with_undergrowth
 
@@ -128,7 +128,7 @@ class ForestSite:
         self,
         progress: Progress | None = None,
         grown: Grown | None = None,
-        kept: KeptTrees | None = None,
+        kept: TreesBefore | None = None,
     ) -> GrownForest:
         """Plan the stand and grow its trees, as far as the scene's sensors need them.
 

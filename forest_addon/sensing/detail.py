@@ -30,7 +30,7 @@ from ..base.rng import stream
 from ..growth.tree import Tree, leaves_left, with_tolerance, without_leaves
 from ..spec import Choice, Scene, Species
 from ..stand.compose import Inputs
-from ..stand.forest import ForestPlan, Grown, GrownForest, KeptTrees, Planted, keys_of
+from ..stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBefore, keys_of
 from .kinds import kind_of
 from .looks import Leafy, SensorLook, Upright, range_shift
 
@@ -50,7 +50,7 @@ def grow_needed(
     progress: Progress | None = None,
     inputs: Inputs | None = None,
     grown: Grown | None = None,
-    kept: KeptTrees | None = None,
+    kept: TreesBefore | None = None,
 ) -> GrownForest:
     """Grow a forest with no more than the scene's sensors need, where that is left to them; its ``chosen``
     and ``detail`` say what that is.

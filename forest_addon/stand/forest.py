@@ -65,12 +65,12 @@ MOST_KEPT = 500_000_000  # bytes
 Key = tuple[Any, ...]
 
 
-KeptTrees = LastAsked[
+TreesBefore = LastAsked[
     Key, tuple[Tree, object]
 ]  # and what each was made with, which its key tells it by
 
 
-def keep_trees() -> KeptTrees:
+def keep_trees() -> TreesBefore:
     """Trees by all that they grow from (``key_of``): those last asked for, ``MOST_KEPT`` bytes of them."""
     return LastAsked(MOST_KEPT, lambda kept: kept[0].nbytes)
 
@@ -175,7 +175,7 @@ class ForestPlan:
     inputs: Inputs
     measured: MeasuredTrees
     grown: Grown | None = None
-    kept: KeptTrees | None = None
+    kept: TreesBefore | None = None
 
     @classmethod
     def of(
@@ -184,7 +184,7 @@ class ForestPlan:
         species: Sequence[Planted],
         inputs: Inputs | None = None,
         grown: Grown | None = None,
-        kept: KeptTrees | None = None,
+        kept: TreesBefore | None = None,
     ) -> ForestPlan:
         """Plan the stand of a scene.
 

@@ -52,7 +52,7 @@ from .scene_file import beside_cube, take_scene
 
 if TYPE_CHECKING:
     from ...site import ForestSite
-    from ...stand.forest import GrownForest, KeptTrees
+    from ...stand.forest import GrownForest, TreesBefore
 
 QUIET = 0.2  # s without a change before anything is done
 LOOK = 0.05  # s between two looks at what is under way
@@ -257,7 +257,7 @@ WINDOW_HANDLERS = (
 
 
 DEMO = ASSETS / "scenes" / "demo.toml"
-_kept: dict[str, KeptTrees] = {}  # trees that grew last, once some have
+_kept: dict[str, TreesBefore] = {}  # trees that grew last, once some have
 
 
 def _grown(site: ForestSite, tell: Progress) -> GrownForest:
