@@ -63,11 +63,8 @@ from .plan import Stand, labels, plan_field, plan_stand
 
 MOST_KEPT = 500_000_000  # bytes
 Key = tuple[Any, ...]
-
-
-TreesBefore = LastAsked[
-    Key, tuple[Tree, object]
-]  # and what each was made with, which its key tells it by
+# Each with what it was made with, which its key tells it by.
+TreesBefore = LastAsked[Key, tuple[Tree, object]]
 
 
 def keep_trees() -> TreesBefore:
