@@ -102,7 +102,7 @@ BUDGETS = {
     "forest_addon/drawing": (580, 6),
     "forest_addon/flight": (1806, 12),
     "forest_addon/formats": (3586, 29),
-    "forest_addon/growth": (7817, 36),
+    "forest_addon/growth": (7812, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1148, 15),
     "forest_addon/sensing": (12601, 94),
