@@ -58,7 +58,6 @@ SCAN += ("--set", "beam.subrays=7")
 def test_a_scene_of_ones_own(lidar, park, tmp_path):
     out = tmp_path / "scan.laz"
     ended = lidar(park, *SCAN, "--azimuth", "-45,45", "--offset", "465000,5473000,0", "--out", out)
-    assert ended.returncode == 0, ended.stderr
     assert "points of" in ended.stderr.splitlines()[-1]
     assert {p.name for p in tmp_path.iterdir()} == {RECORD, "scan.laz"}
     las = laspy.read(out)
@@ -105,14 +104,13 @@ def killed(park, out, *more):
 @pytest.mark.slow
 def test_a_killed_scan_goes_on_to_the_same_bytes(lidar, park, tmp_path):
     whole, cut = tmp_path / "whole.laz", tmp_path / "cut.laz"
-    assert lidar(park, *SCAN, "--out", whole, "--quiet").returncode == 0
+    lidar(park, *SCAN, "--out", whole, "--quiet")
     noted = killed_while(park, cut)
     assert not cut.exists()
     head = (tmp_path / "cut.partial.ply").read_bytes()[:400].decode("ascii", "replace")
     (count,) = [int(line.split()[2]) for line in head.splitlines() if "element vertex" in line]
     assert count >= noted["points"] > 0  # readable up to the last chunk
-    ended = lidar(park, *SCAN, "--out", cut, "--resume")
-    assert ended.returncode == 0, ended.stderr
+    lidar(park, *SCAN, "--out", cut, "--resume")
     assert cut.read_bytes() == whole.read_bytes()
     assert {p.name for p in tmp_path.iterdir()} == {RECORD, "cut.laz", "whole.laz"}
 
@@ -122,8 +120,7 @@ def test_a_killed_scan_goes_on_to_the_same_bytes(lidar, park, tmp_path):
 def test_a_scanner_follows_a_curve_or_an_object(lidar, park, tmp_path, follow):
     out = tmp_path / "scan.npz"
     more = ("--set", "pulse_rate=20000", "--set", "line_rate=20", "--set", "min_range=1")
-    ended = lidar(park, "--scanner", "riegl-minivux-1uav", "--along", follow, *more, "--out", out)
-    assert ended.returncode == 0, ended.stderr
+    lidar(park, "--scanner", "riegl-minivux-1uav", "--along", follow, *more, "--out", out)
     with np.load(out) as data:
         assert len(data["x"]) > 500
         assert np.ptp(data["time"]) > 0.1
@@ -134,16 +131,14 @@ def test_a_scanner_follows_a_curve_or_an_object(lidar, park, tmp_path, follow):
 def test_a_flight_over_it(lidar, park, tmp_path):
     more = ("--set", "track=20", "--set", "speed=20", "--set", "pulse_rate=10000")
     out = tmp_path / "scan.ply"
-    ended = lidar(
+    lidar(
         park, "--scanner", "riegl-vux-1uav", "--at", "-10,0,60", "--azimuth", 0, *more, "--out", out
     )
-    assert ended.returncode == 0, ended.stderr
     assert out.stat().st_size > 97 * 100
 
 
 def test_the_list_of_scanners(lidar):
     ended = lidar("--list")
-    assert ended.returncode == 0
     assert "riegl-vz-400i" in ended.stdout
     shipped = {path.stem for path in (ASSETS / "scanners").glob("*.toml")}
     assert {line.split()[0] for line in ended.stdout.splitlines()[1:]} == shipped
@@ -215,7 +210,6 @@ def test_a_lost_material_file_of_an_obj_is_said(lidar, tmp_path):
     wall = tmp_path / "wall.obj"
     wall.write_text("mtllib gone.mtl\nv 5 -1 -1\nv 5 1 -1\nv 5 1 3\nv 5 -1 3\nf 1 2 3 4\n")
     ended = lidar(wall, *SCAN, "--azimuth", "-45,45", "--out", tmp_path / "scan.laz")
-    assert ended.returncode == 0, ended.stderr
     assert "Warning: wall.obj: its material file gone.mtl is not there" in ended.stderr
 
 
@@ -223,6 +217,5 @@ def test_an_empty_scene(lidar, tmp_path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     path = tmp_path / "empty.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    ended = lidar(path, *SCAN, "--out", tmp_path / "o.laz")
-    assert ended.returncode == 2
+    ended = lidar(path, *SCAN, "--out", tmp_path / "o.laz", ends=2)
     assert "has nothing to scan" in ended.stderr
