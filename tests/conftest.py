@@ -90,7 +90,21 @@ def empty_blender(blender):
 
 
 @pytest.fixture
-def headless(capfd):
+def coarse_pictures(monkeypatch):
+    """Pictures of matplotlib have few pixels, and no layout is computed, which takes a fifth of a command."""
+    from matplotlib.figure import Figure
+
+    save = Figure.savefig
+
+    def save_coarse(figure, file, **how):
+        figure.set_layout_engine("none")
+        save(figure, file, **how | {"dpi": 30})
+
+    monkeypatch.setattr(Figure, "savefig", save_coarse)
+
+
+@pytest.fixture
+def headless(capfd, coarse_pictures):
     """Runs a command in this process, as a user types it: its exit code, and what it said.
 
     ends : the exit code that it must have; None: any.
@@ -125,7 +139,7 @@ def warm():
 
 
 @pytest.fixture
-def quick(monkeypatch):
+def quick(monkeypatch, coarse_pictures):
     """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""
     monkeypatch.setattr("forest_addon.stand.statistics.law.SIMULATIONS", 19)
     for name, few in (("sensors.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):
