@@ -77,7 +77,7 @@ def computed_by(request, monkeypatch):
 def few_lines(request):
     """Volumes of wood by few lines where forests are built in most tests, and nobody looks at volumes."""
     with pytest.MonkeyPatch.context() as patch:
-        if {"blender", "ui"} & set(request.path.parts):
+        if {"api", "blender", "commands", "docs", "ui"} & set(request.path.parts):
             patch.setattr("forest_addon.growth.truth.TESTS", 20_000)
         yield
 

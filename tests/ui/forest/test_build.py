@@ -314,7 +314,7 @@ def test_a_click_in_the_gallery_grows_and_clears_nothing(props):
     mine = bpy.context.object
     press("add_sensor", kind="terrestrial")
     tripod = bpy.context.view_layer.objects.active
-    assert press("start", preset="hedge-bat", grow=True) == {"FINISHED"}
+    assert press("start", preset="tanveer-table-1-one", grow=True) == {"FINISHED"}
     assert props.results["forest"].figures["Trees"].value
     assert mine.name in bpy.context.scene.objects
     assert tripod in sensors_of(bpy.context.scene)
