@@ -83,7 +83,7 @@ def test_short_work_is_timed_more_than_once():
 
 def test_a_clock_that_ticks_seldom_tells_no_zero(monkeypatch):
     ticks = iter((0.0, 0.0, 0.0, 9.0))
-    monkeypatch.setattr("headless.accuracy.sweep.time.process_time", lambda: next(ticks))
+    monkeypatch.setattr("headless.accuracy.sensors.time.process_time", lambda: next(ticks))
     assert timed(int) == (0, 4.5)
 
 
