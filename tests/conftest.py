@@ -4,6 +4,7 @@ import os
 import shutil
 import sys
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -73,12 +74,31 @@ def computed_by(request, monkeypatch):
     return request.param
 
 
+# Rooms whose tests look at no volume of wood, and at no fine picture: these are a fifth of a command's time.
+UNMEASURED = {"api", "blender", "commands", "docs", "ui"}
+UNSEEN = {"api", "docs", "flight", "headless"}
+
+
 @pytest.fixture(scope="module", autouse=True)
-def few_lines(request):
-    """Volumes of wood by few lines where forests are built in most tests, and nobody looks at volumes."""
+def cheap(request):
+    """Volumes of wood by few lines; pictures of few pixels, for which no layout is computed.
+
+    But where bytes are held to those of processes of their own, which measure and draw as a user's.
+    """
+    rooms = set(request.path.parts)
     with pytest.MonkeyPatch.context() as patch:
-        if {"api", "blender", "commands", "docs", "ui"} & set(request.path.parts):
+        if rooms & UNMEASURED:
             patch.setattr("forest_addon.growth.truth.TESTS", 20_000)
+        if rooms & UNSEEN and request.path.stem != "test_faults" and find_spec("matplotlib"):
+            from matplotlib.figure import Figure
+
+            save = Figure.savefig
+
+            def save_coarse(figure, file, **how):
+                figure.set_layout_engine("none")
+                save(figure, file, **how | {"dpi": 30})
+
+            patch.setattr(Figure, "savefig", save_coarse)
         yield
 
 
@@ -90,21 +110,7 @@ def empty_blender(blender):
 
 
 @pytest.fixture
-def coarse_pictures(monkeypatch):
-    """Pictures of matplotlib have few pixels, and no layout is computed, which takes a fifth of a command."""
-    from matplotlib.figure import Figure
-
-    save = Figure.savefig
-
-    def save_coarse(figure, file, **how):
-        figure.set_layout_engine("none")
-        save(figure, file, **how | {"dpi": 30})
-
-    monkeypatch.setattr(Figure, "savefig", save_coarse)
-
-
-@pytest.fixture
-def headless(capfd, coarse_pictures):
+def headless(capfd):
     """Runs a command in this process, as a user types it: its exit code, and what it said.
 
     ends : the exit code that it must have; None: any.
@@ -139,7 +145,7 @@ def warm():
 
 
 @pytest.fixture
-def quick(monkeypatch, coarse_pictures):
+def quick(monkeypatch):
     """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""
     monkeypatch.setattr("forest_addon.stand.statistics.law.SIMULATIONS", 19)
     for name, few in (("sensors.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):

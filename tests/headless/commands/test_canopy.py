@@ -21,7 +21,6 @@ from forest_addon.sensing.canopy import OUTSIDE, SKY
 from forest_addon.spec import SpecError
 from headless.commands.canopy import look_up_in
 
-pytestmark = pytest.mark.usefixtures("coarse_pictures")
 SCENE = """
 seed = 3
 [forest]

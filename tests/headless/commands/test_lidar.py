@@ -19,7 +19,6 @@ from forest_addon.base.places import ASSETS
 from forest_addon.formats.ownership import RECORD
 from headless.cli import main
 
-pytestmark = pytest.mark.usefixtures("coarse_pictures")
 ROOT = Path(__file__).resolve().parents[3]
 
 

@@ -15,7 +15,6 @@ from forest_addon.stand.plan import plan_stand
 from headless.cli import main
 from headless.commands.estimate import estimate_site, scene_on
 
-pytestmark = pytest.mark.usefixtures("coarse_pictures")
 SCENES = ASSETS / "scenes"
 SCENE = """\
 offset = [500000.0, 5400000.0, 0.0]

@@ -16,8 +16,6 @@ from headless.cli import main
 
 MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
 
-pytestmark = pytest.mark.usefixtures("coarse_pictures")
-
 
 @pytest.fixture
 def files(tmp_path):

@@ -14,7 +14,7 @@ from references.dataset_runs import PLAN, bytes_of, run
 
 from headless.dataset import factory
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_pictures")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
