@@ -1,5 +1,6 @@
 """Fixtures that several tests share, how tests draw their inputs, and how they end."""
 
+import gc
 import os
 import shutil
 import sys
@@ -54,6 +55,11 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if COSTLY & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_collection_finish():
+    """Keep modules and tests out of each later round of the garbage collector."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
