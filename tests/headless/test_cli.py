@@ -511,6 +511,12 @@ def test_words_of_numpy_are_a_fault_of_the_program_and_say_where(empty_blender):
     assert fault_of(problem.value).endswith(")")
 
 
+def test_an_error_that_nobody_meant_is_a_fault_of_the_program(capsys, monkeypatch):
+    monkeypatch.setattr("headless.commands.derive.run", lambda *_: {}["gone"])
+    assert main(["derive", "apple"]) == 1
+    assert "a fault of this program that is worth a report: K" in capsys.readouterr().err
+
+
 def test_memory_that_lacks_is_said_without_the_words_of_numpy(capsys, monkeypatch):
     def takes_all(*_):
         np.empty((8_000_000_000, 1000))
