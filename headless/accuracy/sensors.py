@@ -57,6 +57,7 @@ from forest_addon.spec import Rays, Reverb, Scanner, Scene, Settings, Sonar, Tra
 T = TypeVar("T")
 NOTABLY = 0.95  # of the error: settings that gain less are not worth their seconds
 SOME, ENOUGH = 0.3, 1.0  # s of several runs, and of one, that tell how long it takes
+TICK = 1e-9  # s, where a clock that ticks seldom tells none
 
 
 @dataclass(frozen=True)
@@ -322,7 +323,8 @@ def sweep_scanner(
         scan.look(starts[0], min(starts[0] + BLOCK, scan.pulses))  # build trees of boxes
         begin = time.process_time()
         ranges = np.concatenate([_first_ranges(scan, start) for start in starts])
-        return ranges, (time.process_time() - begin) * scan.pulses / len(ranges)
+        spent = max(time.process_time() - begin, TICK)
+        return ranges, spent * scan.pulses / len(ranges)
 
     def rays(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         pulse, subray = np.divmod(number, today)
@@ -362,7 +364,7 @@ def sweep_tractor(
             one = replace(sensor, position=place, track=sensor.step / 2, splits=splits)
             begin = time.process_time()
             ranges.append(drive(one, caster).distance.ravel())
-            spent += (time.process_time() - begin) * (len(ranges) > 1)
+            spent += max(time.process_time() - begin, TICK) * (len(ranges) > 1)
         distance = np.concatenate(ranges[1:])
         distance = np.where(np.isfinite(distance), distance, np.nan)
         return distance, spent * len(along) / len(chosen)
