@@ -201,7 +201,7 @@ def test_scanners_of_a_scene_file(tmp_path):
         las = laspy.read(tmp_path / "o" / f"{name}.laz")
         assert len(las) > 200
         assert np.abs(np.median(las.x) - 465000) < 60
-        assert imread(tmp_path / "o" / f"{name}.png").std() > 0.05
+        assert imread(tmp_path / "o" / f"{name}.png").std() > 0.02
     page = (tmp_path / "o" / "report.html").read_text()
     assert "Airborne LiDAR: drone" in page
     assert "by riegl-vux-1uav gave" in page
