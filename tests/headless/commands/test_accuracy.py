@@ -101,6 +101,12 @@ variants = 1
 expected = 1
 exact = true
 
+[[plantings]]
+species = "apple"
+variants = 1
+expected = 1
+exact = true
+
 [[sensors]]
 kind = "terrestrial"
 position = [-2.0, 3.0, 1.5]
