@@ -259,6 +259,16 @@ def species_of_map(names: Sequence[str], words: Sequence[str], folder: Path) -> 
     return kinds
 
 
+def installed(name: str) -> str:
+    """Return the version of a package, empty where it is not installed."""
+    from importlib import metadata
+
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
 def out_file(out: Path, *endings: str) -> Path:
     """The file that ``--out`` names, if it has one of these endings, as ".csv".
 

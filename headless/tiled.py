@@ -367,7 +367,7 @@ def sample_tiles(
         told = _make_pieces(run, cluster)
         with stages.stage("weigh their files"):
             trials = tuple(_weigh(run, tile, told) for tile in chosen.tolist())
-    found = Estimate(len(grid), trials, ())
+    found = Estimate(len(grid), trials)
     return {
         "tiles": found.count,
         "scanned": len(found.scenes),

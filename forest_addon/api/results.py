@@ -24,10 +24,10 @@ from ..base.rows import distinct
 from ..formats.foreign import library
 from ..formats.table import write_npz
 from ..results.coordinates import NO_OFFSET, Offset
-from ..results.echo_files import heard_columns, received_arrays
 from ..results.kind import Finding
 from ..results.kinds import figures_of, labelled_of, results_of, write_as
 from ..results.points import ENDINGS, ending_of, write_points
+from ..results.sonar import heard_columns, received_arrays
 from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
@@ -167,10 +167,16 @@ class Result:
         ------
         SpecError : matplotlib is not installed; there is nothing to draw.
         """
+        figures = _figures()
+        from ..drawing.echoes import figure_of
+
+        figure = figure_of(self.sensor, self.found)
+        if figure is not None:
+            return figure
         plot = results_of(self.sensor).plot(self.sensor, self.found)
         if plot is None:
             raise SpecError("plot", "is not known of this result")
-        return _figures().draw_strips(plot)
+        return figures.draw_strips(plot)
 
     def _write(self, path: Path, ending: str) -> None:
         write_as(path, self.sensor, self.found, self.offset)
@@ -298,10 +304,6 @@ class PointCloud(Result):
     def endings(self) -> tuple[str, ...]:
         return (*ENDINGS, BAG)
 
-    def plot(self) -> Any:
-        tripod = self.sensor if self.sensor.kind == "terrestrial" else None
-        return _figures().draw_cloud(self.found, tripod)
-
     def _write(self, path: Path, ending: str) -> None:
         if ending == BAG:
             from ..results.bag import write_scan_bag
@@ -426,9 +428,6 @@ class RowScan(Result):
             "time": f"{self.seconds:.2f} s",
         }
 
-    def plot(self) -> Any:
-        return _figures().draw_scan(self.found)
-
 
 class Echoes(Result):
     """The echo of a ping (``found`` is an ``Echo``), or of a flight (a ``PingSeries``)."""
@@ -476,12 +475,6 @@ class Echoes(Result):
             "time": f"{self.seconds:.2f} s",
         }
 
-    def plot(self) -> Any:
-        _figures()
-        from ..drawing.echoes import draw_echo
-
-        return draw_echo(self.pings[0], self.sensor)
-
 
 class Response(Result):
     """Impulse responses, a channel for each pair of source and receiver; ``found`` is the first."""
@@ -510,9 +503,6 @@ class Response(Result):
             "record": f"{len(self.found.samples) / self.sample_rate:.2f} s at {self.sample_rate:g} Hz",
             "time": f"{self.seconds:.2f} s",
         }
-
-    def plot(self) -> Any:
-        return _figures().draw_reverb(self.found)
 
 
 CLASSES: Mapping[str, Callable[..., Result]] = {  # of kinds whose results have arrays with names

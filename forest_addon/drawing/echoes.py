@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import mlab
@@ -19,8 +20,8 @@ from matplotlib.figure import Figure
 from ..sensing.sonar.beam import Horseshoe, beam_offsets
 from ..sensing.sonar.echo import Echo, PingSeries
 from ..sensing.sonar.station import SonarPose
-from ..spec import Sonar
-from .figures import blank_figure
+from ..spec import Sensor, Sonar, Terrestrial
+from .figures import blank_figure, draw_cloud, draw_reverb, draw_scan
 from .palette import BARK, FAINT, INK, LEAF_GREEN, RED
 
 HEARD_DB = 40.0  # red are those at most so much weaker than the loudest
@@ -29,6 +30,26 @@ CHANNELS = 80  # of a cochleagram
 QUALITY = 20.0  # centre frequency over -3 dB bandwidth of a channel
 RINGS = 25.0  # nepers by which a channel has fallen when it is silent
 LINES = 12  # waveforms below each other
+
+
+def figure_of(
+    sensor: Sensor, found: Any, around: tuple[np.ndarray, np.ndarray] | None = None
+) -> Figure | None:
+    """Draw what a sensor found; None of kinds whose picture is made of strips alone (``draw_strips``).
+
+    around : (M, 2) leaves and (N, 2) stems in metres, that a sonar's map shows; None: the first ping alone.
+    """
+    if sensor.kind == "tractor":
+        return draw_scan(found)
+    if sensor.kind == "reverb":
+        return draw_reverb(found)
+    if sensor.kind in ("terrestrial", "mobile", "airborne"):
+        return draw_cloud(found, sensor if isinstance(sensor, Terrestrial) else None)
+    if sensor.kind != "sonar":
+        return None
+    if around is not None and hasattr(found, "echoes"):
+        return draw_flight(found, sensor, *around)
+    return draw_echo(getattr(found, "echoes", (found,))[0], sensor, *(around or ()))
 
 
 def draw_echo(

@@ -72,12 +72,10 @@ def of_forest(forest: GrownForest) -> list[Figure]:
     unique = sum(len(tree.mesh.triangles) for tree in forest.variants.values())
     leaves = sum(len(tree.leaves) for tree in variants)
     density = float(stand.density().sum() * 1e4)
-    figures = [numbers("trees", "Trees", f"{len(stand):,}")]
-    figures += [
-        numbers(label, label.title(), f"{count:,}")
-        for label, count in zip(forest.labels, stand.counts(), strict=True)
-    ]
-    figures += [
+    counts = zip(forest.labels, stand.counts(), strict=True)
+    figures = [
+        numbers("trees", "Trees", f"{len(stand):,}"),
+        *(numbers(label, label.title(), f"{count:,}") for label, count in counts),
         numbers("leaves", "Leaves", f"{leaves:,}"),
         numbers("triangles", "Triangles", f"{triangles:,}"),
         numbers("triangles of the variants", "Held Once", f"{unique:,}"),

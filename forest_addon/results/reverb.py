@@ -1,4 +1,10 @@
-"""Record of what a reverb gives: impulse responses, a channel for each pair of source and receiver."""
+"""Record of what a reverb gives: impulse responses, a channel for each pair of source and receiver.
+
+Dry sounds that a forest is heard with are a hand clap, a bat's call slowed down as echoes are, or a WAV file.
+The clap is noise through a resonance of the cupped hands with the envelope t exp(-t/τ); peak and length are
+as Repp (1987) found them for a clap with hollow palms. The call is a falling sweep as ``sonar.calls`` makes
+it.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +20,11 @@ from ..base.words import keep
 from ..drawing.strips import Plot, sound_plot
 from ..formats.sofa import write_responses
 from ..formats.table import write_csv, write_npz
-from ..formats.wav import write_wav
+from ..formats.wav import read_wav, write_wav
 from ..sensing.kind import Seen
 from ..sensing.reverb.channels import ImpulseResponse, channels_of
 from ..sensing.reverb.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
-from ..spec import Reverb
+from ..spec import Reverb, Sonar
 from .coordinates import Offset
 from .kind import Figure, ResultKind, Variables, numbers, sound_columns, words
 
@@ -299,13 +305,19 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
         "echo_density_time": times[0],
         "echo_density": np.array(densities),
     }
-    units = dict.fromkeys(("time", "direct_delay", "centre_time", "echo_density_time"), "s")
-    units |= dict.fromkeys(("edt", "t20", "t30", "t60"), "s") | {"band": "Hz", "d50": "1"}
-    units |= dict.fromkeys(("energy_decay", "left_out", "c50", "c80"), "dB") | {"echo_density": "1"}
-    units |= (
-        {"source": "m", "receiver": "m"} | dict.fromkeys(moving, "s") | dict.fromkeys(tails, "dB")
-    )
-    units |= dict.fromkeys(("samples", "direct", "ground", "trees"), "re source's impulse at 1 m")
+    units = {
+        **dict.fromkeys(("time", "direct_delay", "centre_time", "echo_density_time"), "s"),
+        **dict.fromkeys(("edt", "t20", "t30", "t60"), "s"),
+        "band": "Hz",
+        "d50": "1",
+        **dict.fromkeys(("energy_decay", "left_out", "c50", "c80"), "dB"),
+        "echo_density": "1",
+        "source": "m",
+        "receiver": "m",
+        **dict.fromkeys(moving, "s"),
+        **dict.fromkeys(tails, "dB"),
+        **dict.fromkeys(("samples", "direct", "ground", "trees"), "re source's impulse at 1 m"),
+    }
     write_npz(path, arrays, units)
 
 
@@ -370,3 +382,35 @@ REVERB = ResultKind(
     is_response=True,
     wet=wet_sound_of,
 )
+
+
+DRY = ("clap", "call", "file")
+PEAK_DB = -1.0  # of the largest sample that is heard
+CLAP_RATE = 48_000.0
+RISE = 0.0015  # s to the clap's loudest
+CLAP_LENGTH = 0.03  # s
+RESONANCE, QUALITY = 1300.0, 1.5  # Hz, of the air between the hands
+CALL = replace(Sonar(), call="fm", band=(25e3, 80e3), call_duration=0.004)
+
+
+def dry_sound(dry: str, file: Path | None = None) -> tuple[np.ndarray, float]:
+    """(M,) samples, of a file also (M, D), and their rate in Hz.
+
+    Raises
+    ------
+    SpecError : the file cannot be used.
+    """
+    if dry == "file":
+        return read_wav(file or Path())
+    if dry == "call":
+        from ..sensing.sonar.calls import synthesise
+
+        call = synthesise(CALL)
+        return call.samples, call.sample_rate / CALL.time_expansion
+    from scipy.signal import iirpeak, lfilter
+
+    time = np.arange(round(CLAP_LENGTH * CLAP_RATE)) / CLAP_RATE
+    noise = stream(0, "clap").standard_normal(len(time))
+    burst = lfilter(*iirpeak(RESONANCE, QUALITY, CLAP_RATE), noise)
+    clap = burst * (time / RISE) * np.exp(1.0 - time / RISE)
+    return np.asarray(clap / np.abs(clap).max()), CLAP_RATE

@@ -149,9 +149,8 @@ def _draw(axes: Axes, sweep: AccuracySweep, best: Point) -> None:
             va="center_baseline",
             zorder=4,
         )
-        said = "today" if point is sweep.today else ""
-        said += " and " if said and point is best else ""
-        said += "recommended" if point is best else ""
+        roles = (("today", sweep.today), ("recommended", best))
+        said = " and ".join(role for role, one in roles if point is one)
         said = said or (point.elsewhere and f"hollow: {point.elsewhere}")
         if point.error == 0:
             said = f"{said}; off by 0" if said else "off by 0"

@@ -12,7 +12,7 @@ import sys
 from forest_addon import kernels
 from forest_addon.base.places import NO_BLENDER, ROOT, version
 
-from ..command import IncompleteError
+from ..command import IncompleteError, installed
 
 INSIDE = {"dev", "docs", "bpy"}  # extras that are no user's, or told apart
 KERNELS = "a C compiler (gcc, clang or pip install ziglang) builds them: install again, or run make"
@@ -59,7 +59,7 @@ def _packages() -> list[str]:
         if name and name[0] != "forest-sensing":
             wanted.setdefault(extra[1] if extra else "", []).append(name[0])
     for extra in sorted(wanted.keys() - INSIDE):
-        has = {name: _version(name) for name in wanted[extra]}
+        has = {name: installed(name) for name in wanted[extra]}
         missing = [name for name, number in has.items() if not number]
         said = ", ".join(f"{name} {number}" for name, number in has.items() if number)
         if missing:
@@ -68,12 +68,4 @@ def _packages() -> list[str]:
             )
             said += f"{'; ' if said else ''}missing {', '.join(missing)}: {how}"
         print(f"{f'[{extra}]' if extra else 'packages':<15} {said}")
-    return [name for name in wanted.get("", ()) if not _version(name)]
-
-
-def _version(name: str) -> str:
-    """Return the version of a package that is installed, empty where it is not."""
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return ""
+    return [name for name in wanted.get("", ()) if not installed(name)]

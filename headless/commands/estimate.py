@@ -10,7 +10,6 @@ import argparse
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -75,17 +74,6 @@ PICTURE = "-estimate.png"  # after the scene's name
 HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
 
 
-@dataclass(frozen=True)
-class SpeciesOfSite:
-    """A species of a mapped site: its trees (N, 2), in metres from the offset, and what was estimated."""
-
-    name: str
-    points: np.ndarray
-    estimate: Estimate
-    planting: Planting
-    goodness: Goodness | None
-
-
 def estimate_site(
     path: Path,
     out: Path,
@@ -134,19 +122,20 @@ def estimate_site(
 
     for line in trees.said:
         say(line)
-    say(f"{path.name}: {len(trees):,} trees on {frame.area:,.0f} m²" + _said(offset))
-    grown: list[SpeciesOfSite] = []
+    kept = f"; coordinates are kept from ({offset[0]:.0f}, {offset[1]:.0f})" if offset.any() else ""
+    say(f"{path.name}: {len(trees):,} trees on {frame.area:,.0f} m²{kept}")
+    shown, plantings = [], []
     arrays: dict[str, np.ndarray] = {}
     out.parent.mkdir(parents=True, exist_ok=True)
     for name, kind in kinds.items():
         own = trees.species == name
         points = trees.position[own] - offset
         mapped = MappedSpecies(name or kind, points, frame, field)
-        one, rasters = _grown(
-            mapped, kind, method, law, f"{out.stem}-{_plain(name or kind)}.npy", say
-        )
+        file = f"{out.stem}-{_plain(name or kind)}.npy"
+        estimate, planting, goodness, rasters = _grown(mapped, kind, method, law, file, say)
         targets = _targets(kind, out, _plain(name or kind), trees.numbers[own], say)
-        grown.append(replace(one, planting=one.planting.changed(targets=targets)))
+        plantings.append(planting.changed(targets=targets))
+        shown.append((mapped.name, points, estimate.at, goodness))
         arrays |= rasters
 
     for file, pixels in arrays.items():
@@ -158,7 +147,7 @@ def estimate_site(
         offset=(float(offset[0]), float(offset[1]), 0.0),
         crs=trees.crs,
         forest=field,
-        plantings=tuple(g.planting for g in grown),
+        plantings=tuple(plantings),
     )
     if terrain is not None:
         scene = _on_terrain(scene, terrain, out, say)
@@ -169,12 +158,8 @@ def estimate_site(
         from forest_addon.drawing.figures import save_figure
         from forest_addon.drawing.stands import draw_site
 
-        written.append(
-            save_figure(
-                draw_site([(g.name, g.points, g.estimate.at, g.goodness) for g in grown], frame),
-                out.with_name(out.stem + PICTURE),
-            ).name
-        )
+        picture = save_figure(draw_site(shown, frame), out.with_name(out.stem + PICTURE))
+        written.append(picture.name)
     else:
         say(without("The picture is left out"))
     say(f"Wrote {', '.join(written)}.")
@@ -258,7 +243,7 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
 
 def _grown(
     mapped: MappedSpecies, kind: str, method: str, law: str, file: str, say: Say
-) -> tuple[SpeciesOfSite, dict[str, np.ndarray]]:
+) -> tuple[Estimate, Planting, Goodness | None, dict[str, np.ndarray]]:
     """Estimates of a species' trees, and the arrays that its planting reads."""
     points, frame = mapped.points, mapped.window
     estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
@@ -280,11 +265,12 @@ def _grown(
         except ValueError as problem:
             raise SpecError("--law", f"{mapped.name}: {problem}") from None
         estimate, planting, fitness = taken.estimate, taken.planting, taken.goodness
-    grown = SpeciesOfSite(mapped.name, points, estimate, planting, fitness)
-    say(f"  {_summary(grown)}")
+    what = f"{mapped.name} as {planting.species}: {len(points):,} trees"
+    say(f"  {what}, {_summary(estimate, planting, fitness)}")
     if others:
         say(f"    tried too: {', '.join(_words(one) for one in others)}")
-    return grown, {file: raster.pixels for file, raster in inputs.rasters.items()}
+    rasters = {file: raster.pixels for file, raster in inputs.rasters.items()}
+    return estimate, planting, fitness, rasters
 
 
 def _window(words: Sequence[str]) -> Window:
@@ -332,30 +318,29 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
     )
 
 
-def _summary(grown: SpeciesOfSite) -> str:
-    estimate = grown.estimate
+def _summary(estimate: Estimate, planting: Planting, goodness: Goodness | None) -> str:
+    """Return what was estimated of a species and what its tests say, in words."""
     if isinstance(estimate, FittedMixture):
         count = len(estimate.peak)
-        what = f"{count} hill{'s' * (count != 1)}" if count else "the same everywhere"
+        text = f"{count} hill{'s' * (count != 1)}" if count else "the same everywhere"
         if count and estimate.base:
-            what += f" over {estimate.base * 1e4:.3g} trees/ha"
-        what += f", BIC {estimate.bic:,.1f}"
+            text += f" over {estimate.base * 1e4:.3g} trees/ha"
+        text += f", BIC {estimate.bic:,.1f}"
     else:
-        what = f"kernel of {estimate.bandwidth:.3g} m"
-    text = f"{grown.name} as {grown.planting.species}: {len(grown.points):,} trees, {what}"
-    if grown.planting.layout == "clusters":
-        groups = grown.planting.clusters
+        text = f"kernel of {estimate.bandwidth:.3g} m"
+    if planting.layout == "clusters":
+        groups = planting.clusters
         wide = "σ" if groups.kind == "thomas" else "radius"
         text += (
             f", in {groups.groups * 1e4:.3g} {groups.kind.capitalize()} groups/ha, "
             f"{wide} {groups.spread:.3g} m"
         )
-    elif grown.planting.layout == "strauss":
-        strauss = grown.planting.strauss
+    elif planting.layout == "strauss":
+        strauss = planting.strauss
         text += f", keeping apart within {strauss.radius:.3g} m (Strauss, γ = {strauss.gamma:.2g})"
-    if grown.goodness is None:
+    if goodness is None:
         return text + "; too few trees to test"
-    tests = grown.goodness.excess.p_value, grown.goodness.quadrat_p_value
+    tests = goodness.excess.p_value, goodness.quadrat_p_value
     text += f"; L p = {tests[0]:.3f}, quadrats p = {tests[1]:.3f}: "
     if min(tests) > ACCEPTED:
         return text + "stands of this law are like the map"
@@ -379,10 +364,6 @@ def _write_scene(path: Path, scene: Scene, source: str, positions: np.ndarray) -
         f"# stand {nearest:.3g} m apart; spacing keeps a distance. offset is added to what is written.\n"
     )
     path.write_text(notes + path.read_text("utf-8"), encoding="utf-8")
-
-
-def _said(offset: np.ndarray) -> str:
-    return f"; coordinates are kept from ({offset[0]:.0f}, {offset[1]:.0f})" if offset.any() else ""
 
 
 def _plain(name: str) -> str:

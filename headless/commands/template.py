@@ -127,10 +127,6 @@ def _groups(wood: Path, leaves: Path | None) -> list[Group]:
     """Meshes of files that are no STL; nothing where both are."""
     if all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path):
         return []
-    known = (".stl", ".ply", ".obj", ".gltf", ".glb")
-    for path in (wood, leaves):
-        if path and path.suffix.lower() not in known:
-            raise SpecError("template", f"{path.name} is of no known kind; use {', '.join(known)}")
     from forest_addon.blender.files.export import read_parts
 
     return read_parts(wood, leaves)

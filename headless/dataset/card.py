@@ -8,7 +8,6 @@ a name stands for anything; ``NAME_unit`` beside an array is its unit as text.
 from __future__ import annotations
 
 import html
-import importlib.metadata
 import platform
 import re
 import tomllib
@@ -29,6 +28,7 @@ from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import structure
 from forest_addon.spec import Forest
 
+from ..command import installed
 from ..progress import plain
 from . import disk
 from .disk import Done
@@ -129,8 +129,11 @@ def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
         if name.endswith("-route.csv"):
             route = np.loadtxt(one.folder / name, delimiter=",", skiprows=1, ndmin=2)
             axes.plot(route[:, 0], route[:, 1], ".-", color=INK, lw=0.8, ms=4)
-    for x, y in _standing(sensors):
-        axes.plot(x, y, "^", color=INK, ms=5, mew=0)
+    for sensor in sensors:
+        if sensor["kind"] in ("terrestrial", "sonar", "reverb"):  # all others move
+            for place in filter(None, map(sensor.get, ("position", "source", "receiver"))):
+                if isinstance(place, list):  # the receiver of a scanner is a table
+                    axes.plot(*place[:2], "^", color=INK, ms=5, mew=0)
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.tick_params(labelsize=6)
@@ -141,17 +144,6 @@ def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
         fontsize=7.5,
         color=INK,
     )
-
-
-def _standing(sensors: Sequence[dict[str, Any]]) -> list[tuple[float, float]]:
-    """Places of sensors that do not move."""
-    places = []
-    for sensor in sensors:
-        for key in ("position", "source", "receiver"):
-            place = sensor.get(key)  # the receiver of a scanner is a table
-            if isinstance(place, list) and sensor["kind"] in ("terrestrial", "sonar", "reverb"):
-                places.append((place[0], place[1]))
-    return places
 
 
 def _draw_found(axes: Axes, one: Done) -> None:
@@ -168,8 +160,7 @@ def _draw_found(axes: Axes, one: Done) -> None:
         return
     stem = sounds[0].removesuffix(".wav")
     with np.load(one.folder / f"{stem}.npz") as data:
-        key = "waveform" if "waveform" in data else "samples"
-        sound, time = data[key], data["time"]
+        sound, time = data["waveform" if "waveform" in data else "samples"], data["time"]
     sound = sound.reshape(-1, sound.shape[-1])[:4]
     axes.set_title(stem, fontsize=7, color=INK)
     peak = max(float(np.abs(sound).max()), 1e-30)
@@ -357,13 +348,11 @@ def _code(words: str) -> str:
 def _what_varied(plan: Plan) -> list[str]:
     if not plan.varied:
         return []
-    rows = []
-    for one in plan.varied:
-        values, design = (
-            _text(f"{one.kind} {one.given}"),
-            one.design if one.kind != "grid" else "grid",
-        )
-        rows.append(f"| `{_code(one.path)}` | {values} | {design} |")
+    rows = [
+        f"| `{_code(one.path)}` | {_text(f'{one.kind} {one.given}')} | "
+        f"{'grid' if one.kind == 'grid' else one.design} |"
+        for one in plan.varied
+    ]
     return ["## What varied", "", "| key | values | design |", "|---|---|---|", *rows, ""]
 
 
@@ -379,13 +368,8 @@ def _shared(plan: Plan, records: Sequence[dict[str, Any]]) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide the bytes, by name."""
-    version_of = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            version_of[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            version_of[name] = "unknown"
-    return version_of
+    packages = {name: installed(name) or "unknown" for name in PACKAGES}
+    return {"python": platform.python_version()} | packages
 
 
 ORGAN_NUMBERS = ", ".join(f"{number} {name}" for number, name in enumerate(PART_NAMES))
@@ -563,20 +547,3 @@ NAMES: dict[str, dict[str, str]] = {
         "order": "0 the stem, 1 its branches and so on; -1 unknown",
     },
 }
-
-
-def meaning_of(file: str, name: str) -> str:
-    """The legend of a name in a kind of file; empty where there is none.
-
-    file : as ``NAMES`` has it. A unit's text is explained by what it is the unit of.
-    """
-    known = NAMES.get(file, {})
-    for key in (name, name.removesuffix("_unit")):
-        if key in known:
-            return known[key]
-    for key, words in known.items():
-        if key.endswith("*") and name.startswith(key[:-1]):
-            return words
-        if key.startswith("*") and name.endswith(key[1:]):
-            return words
-    return ""

@@ -126,8 +126,7 @@ def scenes_done(root: Path) -> Iterator[Done]:
 
     A folder without a record that can be read, or whose files have not the sizes it says, is none.
     """
-    folder = root / SCENES
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+    for path in sorted((root / SCENES).glob("*")):
         if path.name.isdigit() and (found := read_scene(path)) is not None:
             yield found
 
@@ -176,8 +175,7 @@ def remove_scene(root: Path, number: int) -> None:
 
 def clean(root: Path) -> None:
     """Remove what scenes that nobody is making any more have left."""
-    folder = root / SCENES
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+    for path in sorted((root / SCENES).glob(".*")):
         if MADE.fullmatch(path.name):
             shutil.rmtree(path, ignore_errors=True)
 
@@ -238,19 +236,8 @@ def _note(root: Path, number: int) -> Path:
 
 MANIFEST = "manifest.csv"
 COLUMNS = (
-    *(
-        "scene",
-        "split",
-        "seed",
-        "base",
-        "status",
-        "seconds",
-        "cpu_seconds",
-        "trees",
-        "points",
-        "files",
-    ),
-    *("bytes", "settings", "digest", "error"),
+    *("scene", "split", "seed", "base", "status", "seconds", "cpu_seconds"),
+    *("trees", "points", "files", "bytes", "settings", "digest", "error"),
 )
 
 
@@ -268,19 +255,19 @@ def _row(root: Path, number: int, recipe: Recipe | None, done: Done | None) -> d
     row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
     row |= {"scene": scene_name(number), "status": "missing"}
     if recipe is not None:
-        row |= {
-            "split": recipe.split,
-            "seed": recipe.seed,
-            "base": recipe.base,
-            "settings": recipe.digest,
-        }
+        row |= {"split": recipe.split, "seed": recipe.seed, "base": recipe.base}
+        row["settings"] = recipe.digest
     if done is not None:
         record = done.record
         row |= {
-            key: record[key] for key in ("split", "seed", "base", "trees", "settings", "digest")
+            **{
+                key: record[key] for key in ("split", "seed", "base", "trees", "settings", "digest")
+            },
+            "status": "done",
+            "points": sum(record["points"].values()),
+            "files": len(record["files"]),
+            "bytes": done.size,
         }
-        row |= {"status": "done", "points": sum(record["points"].values())}
-        row |= {"files": len(record["files"]), "bytes": done.size}
     elif status.get("status") == "failed":
         row |= {"status": "failed", "error": f"{status.get('kind')}: {status.get('why')}"}
     if cpu or status.get("status") == "failed":
@@ -306,11 +293,10 @@ def write_manifest(root: Path, recipes: Sequence[Recipe]) -> list[dict[str, Any]
     write_csv(root / MANIFEST, {name: [row[name] for row in rows] for name in COLUMNS})
     folder = root / "splits"
     folder.mkdir(exist_ok=True)
+    done = [row for row in rows if row["status"] == "done"]
     for split in SPLITS:
-        done_names = [
-            row["scene"] for row in rows if row["split"] == split and row["status"] == "done"
-        ]
-        write_whole(folder / f"{split}.txt", "".join(f"{name}\n" for name in done_names) or "\n")
+        names = "".join(f"{row['scene']}\n" for row in done if row["split"] == split)
+        write_whole(folder / f"{split}.txt", names or "\n")
     return rows
 
 

@@ -139,9 +139,14 @@ class SceneJob(WorkerJob):
     def note(self, outcome: SceneOutcome) -> None:
         """See ``WorkerJob``."""
         done = outcome.kind == "done"
-        status = {"status": "done" if done else "failed", "settings": self.recipe.digest}
-        status |= {} if done else {"kind": outcome.kind, "why": outcome.why}
-        status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
+        status = {
+            "status": "done" if done else "failed",
+            "settings": self.recipe.digest,
+            **({} if done else {"kind": outcome.kind, "why": outcome.why}),
+            "seconds": outcome.wall,
+            "cpu": outcome.seconds,
+            "memory": outcome.memory,
+        }
         disk.write_status(self.root, self.recipe.number, status)
 
 

@@ -78,14 +78,13 @@ class Trial:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Cost of a whole dataset: how many scenes, whole scenes as trials tell them, and what could not be made.
+    """Cost of a whole dataset: how many scenes, and whole scenes as trials tell them.
 
     stands_for : how many scenes each trial stands for; (): alike many.
     """
 
     count: int
     scenes: tuple[Trial, ...]
-    failed: tuple[str, ...]
     stands_for: tuple[float, ...] = ()
 
     @property
@@ -168,7 +167,7 @@ def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> 
     numbers = sorted({int((k + 0.5) * plan.count / considered) for k in range(considered)})
     every = recipes(plan, numbers)
     chosen, stands_for = by_cost(np.array([guess(recipe) for recipe in every]), samples)
-    scenes, failed, weights = [], [], []
+    scenes, weights = [], []
     worker = Worker(1)
     try:
         for index, weight in zip(chosen.tolist(), stands_for.tolist(), strict=True):
@@ -177,13 +176,12 @@ def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> 
                 scenes.append(_trial(recipe, worker, plan.running, say))
                 weights.append(weight * plan.count / len(every))
             except IncompleteError as problem:
-                failed.append(f"scene {recipe.name}: {problem}")
-                say(f"  {failed[-1]}")
+                say(f"  scene {recipe.name}: {problem}")
     finally:
         worker.end()
-    told = sum(weights)  # those that failed are taken to cost as the others do
-    weights = [weight * plan.count / told for weight in weights] if failed and told else weights
-    return Estimate(plan.count, tuple(scenes), tuple(failed), tuple(weights))
+    if 0 < len(scenes) < len(chosen):  # those that failed are taken to cost as the others do
+        weights = [weight * plan.count / sum(weights) for weight in weights]
+    return Estimate(plan.count, tuple(scenes), tuple(weights))
 
 
 def guess(recipe: Recipe) -> float:
@@ -230,14 +228,11 @@ def _trial(recipe: Recipe, worker: Worker, running: Running, say: Callable[[str]
     def make(thin: float) -> Trial:
         return _made(thinned(recipe, thin), worker, running)
 
-    few = (
-        make(THIN)
-        if any(KINDS[one["kind"]].thinned for one in recipe.scene.get("sensors", []))
-        else None
-    )
-    share = 1.0 if few is None else max(1.0, THIN * few.points / ENOUGH)
-    whole = make(share) if share > 2.0 else make(1.0)
-    how = ""
+    few, share, how = None, 1.0, ""
+    if any(KINDS[one["kind"]].thinned for one in recipe.scene.get("sensors", [])):
+        few = make(THIN)
+        share = THIN * few.points / ENOUGH
+    whole = make(share if share > 2.0 else 1.0)
     if few is not None and share > 2.0:
         how = f" (from {few.points + whole.points:,.0f})"
         whole = whole.at(few, share * whole.points)
@@ -282,8 +277,8 @@ def tell(found: Estimate, say: Callable[[str], None]) -> None:
         f"{found.core_hours / cores:.2f} h on the {cores} cores here"
     )
     memory = f"; up to {found.peak / 1e9:.2f} GB of memory a worker" if found.peak else ""
-    disk_used = f"{found.size * found.count / 1e9:.2f} GB on the disk{memory}"
-    say(f"{disk_used}; {found.points * found.count:,.0f} points")
+    size, points = found.size * found.count / 1e9, found.points * found.count
+    say(f"{size:.2f} GB on the disk{memory}; {points:,.0f} points")
     total = sum(found.stages.values())
     shares = (f"{name} {value / total:.0%}" for name, value in found.stages.items())
     say("time by stage: " + ", ".join(shares))

@@ -112,8 +112,8 @@ def copy_to(store: Path, out: Path) -> None:
     """
     for done in disk.scenes_done(out):
         _copy_scene(done.folder, store)
-    told = [out / name for name in DESCRIBED]
-    told += [path for name in ("splits", disk.FOLDER) for path in sorted(out.glob(f"{name}/*"))]
+    folders = [path for name in ("splits", disk.FOLDER) for path in sorted(out.glob(f"{name}/*"))]
+    told = [*(out / name for name in DESCRIBED), *folders]
     put(out, [path.relative_to(out).as_posix() for path in told if path.is_file()], store)
 
 

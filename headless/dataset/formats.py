@@ -31,7 +31,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -148,20 +147,9 @@ COLOURS = (  # red, green, blue of each class, for viewers
 LEGEND = "legend.csv"
 
 
-@dataclass(frozen=True)
-class LabelledScan:
-    """One cloud of a scene. place : (P, 3) metres, on the map. level : (P,) 0 to 1, the echo's strength.
-
-    classes : (P,) uint8, of ``CLASSES``. tree : (P,) int32, 0 where there is none.
-    stands : where the scanner stood, metres; None where it moved.
-    """
-
-    scene: int
-    place: np.ndarray
-    level: np.ndarray
-    classes: np.ndarray
-    tree: np.ndarray
-    stands: np.ndarray | None
+# A cloud on the map: places (P, 3) m, strength of echoes (P,) 0 to 1, classes (P,) of ``CLASSES``, trees (P,)
+# that are 0 where there is none, and where the scanner stood, m; None where it moved.
+LabelledScan = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]
 
 
 def scans_of(one: Done) -> Iterator[LabelledScan]:
@@ -186,14 +174,8 @@ def scans_of(one: Done) -> Iterator[LabelledScan]:
         if (one.folder / f"{name}.laz").is_file():
             level = np.asarray(read_las(one.folder / f"{name}.laz").intensity) / 65535.0
         stands = offset + sensor["position"] if sensor["kind"] == "terrestrial" else None
-        yield LabelledScan(
-            scene=one.number,
-            place=np.asarray(cloud.xyz),
-            level=level,
-            classes=np.asarray(cloud.classification, dtype=np.uint8),
-            tree=np.asarray(cloud["treeID"], dtype=np.int32),
-            stands=stands,
-        )
+        classes = np.asarray(cloud.classification, dtype=np.uint8)
+        yield np.asarray(cloud.xyz), level, classes, np.asarray(cloud["treeID"], np.int32), stands
 
 
 MOST_TREES = 2**16 - 1  # that a label's upper half can name
@@ -216,35 +198,37 @@ def write_kitti(done: Sequence[Done], out: Path) -> int:
             (folder / part).mkdir(parents=True, exist_ok=True)
         poses = []
         for number, scan in enumerate(scans_of(one)):
-            poses.append(_write_frame(scan, folder, number))
+            poses.append(_write_frame(scan, folder, number, one.folder.name))
             count += 1
         _write_text(folder / "poses.txt", poses)
         _write_text(folder / "calib.txt", [f"{key}: {STILL}" for key in ("P0", "P1", "Tr")])
         _write_text(folder / "times.txt", [str(float(number)) for number in range(len(poses))])
     numbers = range(len(CLASSES))
-    lines = ["labels:", *(f"  {k}: {CLASSES[k]!r}" for k in numbers)]
-    lines += ["color_map: # blue, green, red"]
-    lines += [f"  {k}: [{COLOURS[k][2]}, {COLOURS[k][1]}, {COLOURS[k][0]}]" for k in numbers]
-    for key in ("learning_map", "learning_map_inv"):
-        lines += [f"{key}:", *(f"  {k}: {k}" for k in numbers)]
-    lines += ["learning_ignore:", *(f"  {k}: {str(k in (0, 3)).lower()}" for k in numbers)]
-    lines += ["split:"]
-    for split, name in SPLIT_NAMES.items():
-        mine = [one.number for one in done if one.record["split"] == split]
-        lines.append(f"  {name}: {mine}")
+    itself = [f"  {k}: {k}" for k in numbers]
+    mine = {
+        name: [one.number for one in done if one.record["split"] == split]
+        for split, name in SPLIT_NAMES.items()
+    }
+    lines = [
+        *("labels:", *(f"  {k}: {CLASSES[k]!r}" for k in numbers)),
+        "color_map: # blue, green, red",
+        *(f"  {k}: [{blue}, {green}, {red}]" for k, (red, green, blue) in enumerate(COLOURS)),
+        *("learning_map:", *itself, "learning_map_inv:", *itself),
+        *("learning_ignore:", *(f"  {k}: {str(k in (0, 3)).lower()}" for k in numbers)),
+        *("split:", *(f"  {name}: {scenes}" for name, scenes in mine.items())),
+    ]
     _write_text(out / "semantic-kitti.yaml", lines)
     return count
 
 
-def _write_frame(scan: LabelledScan, folder: Path, number: int) -> str:
+def _write_frame(scan: LabelledScan, folder: Path, number: int, scene: str) -> str:
     """Write one cloud about its scanner, of a moving one about its middle; returns the pose."""
-    if scan.tree.max(initial=0) > MOST_TREES:
-        raise SpecError(
-            f"scene {scan.scene:06d}", f"has more than {MOST_TREES} trees; make smaller plots"
-        )
-    middle = scan.place.mean(axis=0).round() if scan.stands is None else scan.stands
-    rows = np.column_stack([scan.place - middle, scan.level]).astype("<f4")
-    label = scan.classes.astype("<u4") | (scan.tree.astype("<u4") << 16)
+    place, level, classes, tree, stands = scan
+    if tree.max(initial=0) > MOST_TREES:
+        raise SpecError(f"scene {scene}", f"has more than {MOST_TREES} trees; make smaller plots")
+    middle = place.mean(axis=0).round() if stands is None else stands
+    rows = np.column_stack([place - middle, level]).astype("<f4")
+    label = classes.astype("<u4") | (tree.astype("<u4") << 16)
     for part, ending, values in (("velodyne", "bin", rows), ("labels", "label", label)):
         with replacing(folder / part / f"{number:06d}.{ending}") as partial:
             values.tofile(partial)
@@ -357,11 +341,10 @@ def write_s3dis(done: Sequence[Done], out: Path) -> int:
         (room / "Annotations").mkdir(parents=True, exist_ok=True)
         if not scans:
             continue
-        place = np.concatenate([scan.place for scan in scans])
-        grey = np.concatenate([scan.level for scan in scans]) * 255.0
-        label = np.concatenate([scan.classes for scan in scans]).astype(np.int64)
-        tree = np.concatenate([scan.tree for scan in scans]).astype(np.int64)
-        key = tree * len(CLASSES) + label
+        place, level, classes, tree = (
+            np.concatenate(column) for column in zip(*(scan[:4] for scan in scans), strict=True)
+        )
+        grey, key = level * 255.0, tree.astype(np.int64) * len(CLASSES) + classes
         turn = np.argsort(key, kind="stable")
         levels = grey[turn].round().astype(int).tolist()
         rows = zip(*place[turn].T.tolist(), levels, strict=True)

@@ -76,9 +76,8 @@ def place_sensors(
         rule = rule_of.get(sensor.name)
         if rule is None:
             sensors.append(sensor)
-            continue
-        room = _Room(settings, rule, trunks, ground)
-        sensors += _placed(sensor, rule, room, files)
+        else:
+            sensors += _placed(sensor, rule, _Room(settings, rule, trunks, ground), files)
     return settings.changed(sensors=tuple(sensors)), files
 
 
@@ -91,9 +90,8 @@ def refuse_out_of_range(scene: Scene, place: Placing, index: int) -> None:
     """
     for sensor in scene.sensors:
         reach = getattr(sensor, "max_range", None)
-        if sensor.name != place.sensor or place.rule != "over" or reach is None:
-            continue
-        if place.height > reach:
+        flown = sensor.name == place.sensor and place.rule == "over" and reach is not None
+        if flown and place.height > reach:
             raise SpecError(
                 f"place[{index}].height",
                 f'{place.height:g} m above the ground is beyond the range of "{sensor.name}", {reach:g} m: '
@@ -126,9 +124,7 @@ class _Room:
         reach = np.linspace(0, 1, TRIES) * 4 * max(self.rule.clear, 0.5)
         turn = np.arange(TRIES) * np.pi * (3 - np.sqrt(5))
         tried = point + reach[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        away = self.to_trunk(tried)
-        good = np.flatnonzero(away >= self.rule.clear)
-        return np.asarray(tried[good[0] if len(good) else np.argmax(away)])
+        return tried[_first(self.to_trunk(tried) - self.rule.clear)]
 
     def anywhere(self, taken: Sequence[np.ndarray] = ()) -> np.ndarray:
         """A place by chance, clear of trunks and apart from others."""
@@ -137,8 +133,7 @@ class _Room:
         if len(taken):
             gaps = np.linalg.norm(tried[:, None] - np.array(taken), axis=2).min(axis=1)
             slack = np.minimum(slack, gaps - self.rule.apart)
-        good = np.flatnonzero(slack >= 0)
-        return np.asarray(tried[good[0] if len(good) else np.argmax(slack)])
+        return tried[_first(slack)]
 
     def above(self, points: np.ndarray) -> np.ndarray:
         """(N, 3) places at the rule's height above the ground; where there is none, above its mean."""
@@ -146,6 +141,11 @@ class _Room:
         known = height[np.isfinite(height)]
         height = np.where(np.isfinite(height), height, known.mean() if len(known) else 0.0)
         return np.column_stack([points, height + self.rule.height])
+
+
+def _first(slack: np.ndarray) -> int:
+    """The first place that has room enough (N,) metres, else the one that lacks least."""
+    return int(np.argmax(slack >= 0) if (slack >= 0).any() else np.argmax(slack))
 
 
 def _placed(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -> list[Sensor]:
@@ -258,9 +258,9 @@ def _pairs(sensor: Any, rule: Placing, room: _Room, _files: dict[str, str]) -> l
         turn = 2 * np.pi * room.rng.random(TRIES)
         ring = source + rule.distance * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         inside = ((ring >= room.low) & (ring <= room.high)).all(axis=1)
-        slack = np.minimum(room.to_trunk(ring) - rule.clear, np.where(inside, np.inf, -1.0))
-        good = np.flatnonzero(slack >= 0)
-        receiver = ring[good[0] if len(good) else np.argmax(room.to_trunk(ring))]
+        slack = room.to_trunk(ring) - rule.clear
+        both = inside & (slack >= 0)
+        receiver = ring[np.argmax(both if both.any() else slack)]
         # the reverb's ground is z = 0: both ends stand at the rule's height above it
         ends = [(*map(float, end), rule.height) for end in (source, receiver)]
         name = sensor.name if rule.count == 1 else f"{sensor.name}-{number + 1}"

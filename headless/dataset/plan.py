@@ -21,7 +21,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -88,11 +88,17 @@ def put(table: dict[str, Any], path: str, value: Any) -> None:
     ------
     SpecError : it is no path, or leads to an entry that there is not; says which there are.
     """
-    steps = _steps(path)
+    *way, last = _steps(path)
     places: list[Any] = [table]
-    for number, step in enumerate(steps):
-        last = number == len(steps) - 1
-        places = [after for place in places for after in _go(place, step, path, value, last)]
+    for step in way:
+        places = [
+            place[key] if step.startswith("[") else place.setdefault(key, {})
+            for place in places
+            for key in _keys(place, step, path)
+        ]
+    for place in places:
+        for key in _keys(place, last, path):
+            place[key] = value
 
 
 def _steps(path: str) -> list[str]:
@@ -107,29 +113,19 @@ def _steps(path: str) -> list[str]:
     return steps
 
 
-def _go(place: Any, step: str, path: str, value: Any, last: bool) -> list[Any]:
-    """Entries that one step leads to; the last one sets."""
+def _keys(place: Any, step: str, path: str) -> Sequence[Any]:
+    """Keys of a table, or numbers of a list's entries, that one step means."""
     if not step.startswith("["):
         if not isinstance(place, dict):
             raise SpecError(
                 path, f"{step} is asked of what is no table; an entry of a list is [0] or [name]"
             )
-        if last:
-            place[step] = value
-        return [] if last else [place.setdefault(step, {})]
+        return [step]
     if not isinstance(place, list):
         raise SpecError(path, f"{step} is asked of what is no list in the base scene")
-    entries = _entries(place, step[1:-1], path)
-    if last:
-        for number in entries:
-            place[number] = value
-        return []
-    return [place[number] for number in entries]
-
-
-def _entries(place: list[Any], word: str, path: str) -> list[int]:
+    word = step[1:-1]
     if word == "*":
-        return list(range(len(place)))
+        return range(len(place))
     if word.isdigit():
         indices = [int(word)] if int(word) < len(place) else []
     else:
@@ -181,14 +177,14 @@ def redealt(
     parameter : of the Dirichlet distribution, times the number of plantings. Plantings without a density
     stay as they are.
     """
-    redealt_plantings = [dict(one) for one in plantings]
-    dense = [one for one in redealt_plantings if one.get("density")]
+    dealt = [dict(one) for one in plantings]
+    dense = [one for one in dealt if one.get("density")]
     if len(dense) > 1:
         density = np.array([float(one["density"]) for one in dense])
         shares = rng.dirichlet(parameter * len(dense) * density / density.sum())
         for one, value in zip(dense, (shares * density.sum()).tolist(), strict=True):
             one["density"] = value
-    return redealt_plantings
+    return dealt
 
 
 def in_season(
@@ -449,7 +445,7 @@ def _recipe(plan: Plan, number: int, base: Base, drawn: dict[str, Any]) -> Recip
     del told["folder"]  # where it lies does not matter, what is in it does
     told["files"] = {name: _digest_of_file(name, base.folder) for name in _files_of(settings)}
     digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
-    return Recipe(**{**recipe.__dict__, "digest": digest})
+    return replace(recipe, digest=digest)
 
 
 def _resolved(
@@ -597,24 +593,16 @@ def _base_of(plan: Plan, number: int) -> Base:
 
 def _files_of(settings: Scene) -> list[str]:
     """Names of all files that settings name."""
-    names: set[str] = set()
-
-    def note(name: str) -> str:
-        names.add(name)
-        return name
-
-    with_files(settings, note)
-    if settings.blend:
-        names.add(settings.blend)
+    names = {settings.blend} - {""}
+    with_files(settings, lambda name: names.add(name) or name)
     return sorted(names)
 
 
 @cache
 def _digest_of_file(name: str, folder: Path) -> str:
     """SHA-256 of a file, and of those that a species file names; empty where there is none."""
-    places = [folder / name]
-    places += [ASSETS / kind / f"{name}.toml" for kind in ("species", "scanners")]
-    places += [ASSETS / "scenes" / name]
+    ours = [ASSETS / kind / f"{name}.toml" for kind in ("species", "scanners")]
+    places = [folder / name, *ours, ASSETS / "scenes" / name]
     path = next((place for place in places if place.is_file()), None)
     if path is None:
         return ""

@@ -165,14 +165,14 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
     if keep.voxels:
         with work.stage("voxels"):
             arrays = voxel_arrays(forest, keep.voxels)
-            units = dict.fromkeys(("leaf_area_density", "wood_area_density"), "m2/m3") | {
-                "edge": "m"
-            }
-            more = {"origin": np.array(settings.offset)}
-            write_npz(folder / "voxels.npz", arrays | more, units | {"origin": "m"})
+            density = dict.fromkeys(("leaf_area_density", "wood_area_density"), "m2/m3")
+            arrays["origin"] = np.array(settings.offset)
+            write_npz(folder / "voxels.npz", arrays, density | {"edge": "m", "origin": "m"})
             cells = Cells.around(arrays["cell"].astype(np.int64), keep.voxels)
     for sensor in settings.sensors:
         _observe(work, sensor, settings, observer, keep, (cells, forest))
+    if settings.plantings and not len(forest.stand):
+        work.empty["forest"] = "no tree stands: expect more, or a larger field"
     with work.stage("write"):
         _write_blender(settings, keep, folder, observer, forest)
         write_settings(folder / "scene.toml", settings)
@@ -184,12 +184,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
-            "empty": work.empty
-            | (
-                {}
-                if not settings.plantings or len(forest.stand)
-                else {"forest": "no tree stands: expect more, or a larger field"}
-            ),
+            "empty": work.empty,
             "engine": observer.caster.engine,
             "variants": variants,
         },
@@ -246,15 +241,13 @@ def _observe(
         is_cloud = results_of(sensor).is_cloud
         if not is_cloud or keep.clouds != "npz":
             write_finding(folder, sensor, result, Offset.of(settings))
-        if is_cloud:
-            work.points[sensor.name] = len(result)
-            if keep.clouds != "laz":
-                path = folder / f"{sensor.name}-points.npz"
-                write_rows(path, records(result, settings.offset), packed=False)
-    if not is_cloud:
-        return
-    if keep.for_instance:
-        with work.stage("write"):
+        if not is_cloud:
+            return
+        work.points[sensor.name] = len(result)
+        if keep.clouds != "laz":
+            path = folder / f"{sensor.name}-points.npz"
+            write_rows(path, records(result, settings.offset), packed=False)
+        if keep.for_instance:
             order = orders_of(result.returns, observer.geometry, forest)
             path = folder / f"{sensor.name}-forinstance.laz"
             write_for_instance(path, result, order, settings.plantings, settings.offset)

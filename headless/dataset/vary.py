@@ -12,7 +12,6 @@ source beside it, and in docs/dataset.md; *ours* is a choice without a measureme
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -75,8 +74,15 @@ class Varied:
             return float(a * (b / a) ** u)
         if self.kind == "integers":
             return int(min(a + math.floor(u * (b - a + 1)), b))
-        low, high = (ndtr((end - a) / b) for end in (self.low, self.high))
-        return float(np.clip(a + b * ndtri(low + u * (high - low)), self.low, self.high))
+        low, high = (ndtr((end - a) / b) for end in self.ends)
+        return float(np.clip(a + b * ndtri(low + u * (high - low)), *self.ends))
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest value of a normal distribution: two deviations from the mean, if not given."""
+        mean, sd = self.given
+        low = mean - 2 * sd if self.low is None else self.low
+        return low, mean + 2 * sd if self.high is None else self.high
 
 
 def read_varied(table: Any) -> list[Varied]:
@@ -108,25 +114,30 @@ def _read(path: str, said: Any) -> Varied:
     design = said.get("design", "independent")
     if design not in DESIGNS:
         raise unknown(f"{place}.design", design, DESIGNS)
-    weights, low, high = tuple(said.get("weights", ())), said.get("low"), said.get("high")
-    times = said.get("times", 0)
-    if kind in ("choice", "grid"):
-        good = isinstance(given, list) and given and (not weights or len(weights) == len(given))
-        good = good and (not weights or (min(weights) >= 0 and sum(weights) > 0))
-    elif kind == "fixed":
-        good = True
-    else:
-        good = isinstance(given, list) and len(given) == 2 and all(_is_number(v) for v in given)
-        if good and kind == "normal":
-            low = given[0] - 2 * given[1] if low is None else low
-            high = given[0] + 2 * given[1] if high is None else high
-            good = given[1] > 0 and _is_number(low) and _is_number(high) and low < high
-        elif good:
-            good = given[0] <= given[1] and (kind != "log_uniform" or given[0] > 0)
-            good = good and (kind != "integers" or all(isinstance(v, int) for v in given))
-    if not good or not isinstance(times, int) or times < 0:
+    beside = {key: said[key] for key in ("low", "high", "times") if key in said}
+    one = Varied(path, kind, given, tuple(said.get("weights", ())), design=design, **beside)
+    if not _fits(one) or not isinstance(one.times, int) or one.times < 0:
         raise SpecError(place, f"{kind} needs {KINDS[kind]}")
-    return Varied(path, kind, given, weights, low, high, design, times)
+    return one
+
+
+def _fits(one: Varied) -> bool:
+    """Return whether what is given is such as the kind needs."""
+    given, weights = one.given, one.weights
+    if one.kind == "fixed":
+        return True
+    if one.kind in ("choice", "grid"):
+        if not (isinstance(given, list) and given and len(weights) in (0, len(given))):
+            return False
+        return not weights or (min(weights) >= 0 and sum(weights) > 0)
+    if not (isinstance(given, list) and len(given) == 2 and all(map(_is_number, given))):
+        return False
+    a, b = given
+    if one.kind == "normal":
+        low, high = one.ends
+        return b > 0 and _is_number(low) and _is_number(high) and low < high
+    whole = one.kind != "integers" or all(isinstance(value, int) for value in given)
+    return whole and a <= b and (one.kind != "log_uniform" or a > 0)
 
 
 def _is_number(value: Any) -> bool:
@@ -140,25 +151,19 @@ def cells_of_grid(varied: Sequence[Varied]) -> int:
 
 def draw(varied: Sequence[Varied], seed: int, count: int) -> list[dict[str, Any]]:
     """Values of every path for each of ``count`` scenes."""
-    columns: dict[str, np.ndarray] = {}
-    grid = [one for one in varied if one.kind == "grid"]
-    places = itertools.product(*(range(len(one.given)) for one in grid))
-    rows = np.array(list(places), dtype=float).reshape(cells_of_grid(varied), len(grid))
-    for number, one in enumerate(grid):
-        sizes = rows[np.arange(count) % len(rows), number]
-        columns[one.path] = (sizes + 0.5) / len(one.given)
-    for one in varied:
+    sobol = [one.path for one in varied if one.design == "sobol" and one.kind != "grid"]
+    columns = _sobol(sobol, seed, count)
+    cell = np.arange(count) % cells_of_grid(varied)
+    for one in reversed(varied):  # the last grid goes fastest
         if one.kind == "grid":
-            continue
-        if one.design == "independent":
+            columns[one.path] = (cell % len(one.given) + 0.5) / len(one.given)
+            cell = cell // len(one.given)
+        elif one.design == "independent":
             each = (stream(seed, "vary", one.path, scene).random() for scene in range(count))
             columns[one.path] = np.fromiter(each, float, count)
         elif one.design == "latin":
             rng = stream(seed, "vary", "latin", one.path)
             columns[one.path] = (rng.permutation(count) + rng.random(count)) / max(count, 1)
-    columns |= _sobol(
-        [one.path for one in varied if one.design == "sobol" and one.kind != "grid"], seed, count
-    )
     return [
         {one.path: one.at(float(columns[one.path][scene])) for one in varied}
         for scene in range(count)

@@ -46,8 +46,6 @@ from forest_addon.stand.plan import Stand
 from . import can_draw
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from forest_addon.stand.statistics.law import Goodness
 
 LEAVES = 60_000  # on a map
@@ -57,45 +55,35 @@ def draw_result(
     sensor: Sensor, found: SensorFinding, observer: Observer, path: Path
 ) -> Path | None:
     """Draw what a sensor found into a PNG; return its path, None where there is nothing to draw."""
-    if can_draw() and (figure := _figure_of(sensor, found, observer)) is not None:
+    if can_draw():
+        from forest_addon.drawing.echoes import figure_of
         from forest_addon.drawing.figures import save_figure
 
-        return save_figure(figure, path)
+        around = (_leaves_of(observer), observer.stems) if sensor.kind == "sonar" else None
+        figure = figure_of(sensor, found, around)
+        if figure is not None:
+            return save_figure(figure, path)
     plot = results_of(sensor).plot(sensor, found)
     return _save_plainly(plot, path) if plot else None
 
 
-def _figure_of(sensor: Sensor, found: SensorFinding, observer: Observer) -> Figure | None:
-    from forest_addon.drawing import echoes, figures
-
-    match sensor.kind:
-        case "tractor":
-            return figures.draw_scan(found)
-        case "terrestrial":
-            return figures.draw_cloud(found, sensor)
-        case "mobile" | "airborne":
-            return figures.draw_cloud(found)
-        case "reverb":
-            return figures.draw_reverb(found)
-        case "sonar":
-            scene = observer.once(targets_of).scene
-            firsts = []
-            for mesh in scene.meshes:
-                facets = np.flatnonzero(mesh.leaf >= 0)
-                _, first = np.unique(mesh.leaf[facets], return_index=True)
-                firsts.append(mesh.triangles[facets[first]])
-            count = np.array([len(firsts[index]) for index in scene.mesh_index], dtype=np.int64)
-            share = min(1.0, LEAVES / max(int(count.sum()), 1))
-            rng = stream(0, "picture", "leaves")
-            places = []
-            for instance, index in enumerate(scene.mesh_index):
-                some = np.flatnonzero(rng.random(len(firsts[index])) < share)
-                middle = scene.meshes[index].vertices[firsts[index][some]].mean(axis=1)
-                places.append(apply_transform(scene.transform[instance], middle)[:, :2])
-            leaves = np.concatenate(places) if places else np.empty((0, 2))
-            draw = echoes.draw_flight if hasattr(found, "echoes") else echoes.draw_echo
-            return draw(found, sensor, leaves, observer.stems)
-    return None
+def _leaves_of(observer: Observer) -> np.ndarray:
+    """(M, 2) metres, places of some of the leaves that a sonar may hear."""
+    scene = observer.once(targets_of).scene
+    firsts = []
+    for mesh in scene.meshes:
+        facets = np.flatnonzero(mesh.leaf >= 0)
+        _, first = np.unique(mesh.leaf[facets], return_index=True)
+        firsts.append(mesh.triangles[facets[first]])
+    count = np.array([len(firsts[index]) for index in scene.mesh_index], dtype=np.int64)
+    share = min(1.0, LEAVES / max(int(count.sum()), 1))
+    rng = stream(0, "picture", "leaves")
+    places = []
+    for instance, index in enumerate(scene.mesh_index):
+        some = np.flatnonzero(rng.random(len(firsts[index])) < share)
+        middle = scene.meshes[index].vertices[firsts[index][some]].mean(axis=1)
+        places.append(apply_transform(scene.transform[instance], middle)[:, :2])
+    return np.concatenate(places) if places else np.empty((0, 2))
 
 
 def draw_stand(

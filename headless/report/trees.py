@@ -86,8 +86,11 @@ def render_three(
 
     metres : in one unit of what was recognised.
     """
-    trees = [("brought", _as_brought(found, metres, rebuilt)), ("rebuilt", rebuilt)]
-    trees += [(f"sibling {number + 1}", tree) for number, tree in enumerate(siblings)]
+    trees = [
+        ("brought", _as_brought(found, metres, rebuilt)),
+        ("rebuilt", rebuilt),
+        *((f"sibling {number + 1}", tree) for number, tree in enumerate(siblings)),
+    ]
     grown = [(Species(name=name, look=look), tree) for name, tree in trees]
     return _render_row(grown, len(grown), WIDTH, path, samples=32, one_scale=True)
 
@@ -203,10 +206,11 @@ def draw_recognised(found: Recognition, metres: float, name: str, path: Path) ->
         ha="left",
     )
     shown = firsts[:: max(1, len(firsts) // 5)][:5]
-    keys = [Patch(facecolor=TRUNK, label="trunk")]
-    keys += [Patch(facecolor=colours[first], label="") for first in shown[:-1]]
-    keys += [
-        Patch(facecolor=colours[shown[-1]], label="first-level branches and what hangs on them")
+    branches = "first-level branches and what hangs on them"
+    keys = [
+        Patch(facecolor=TRUNK, label="trunk"),
+        *(Patch(facecolor=colours[first], label="") for first in shown[:-1]),
+        Patch(facecolor=colours[shown[-1]], label=branches),
     ]
     if found.doubts:
         keys.append(Line2D([], [], **RING, label="in doubt"))

@@ -18,7 +18,7 @@ from mathutils import Matrix, Vector
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.files.export import (
-    ENDINGS,
+    AS_WRITTEN,
     empty_file,
     export_glb,
     export_usd,
@@ -443,7 +443,7 @@ def test_a_mesh_at_map_coordinates_is_refused_at_both_doors(empty_blender, tmp_p
         bpy.ops.export_scene.gltf(filepath=file)
     else:
         getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=file)
-    doors = [open_file, *([read_groups] if ending in ENDINGS and how == "place" else [])]
+    doors = [open_file, *([read_groups] if ending in AS_WRITTEN and how == "place" else [])]
     for door in doors:
         empty_file()
         with pytest.raises(

@@ -11,9 +11,9 @@ from scipy.io import wavfile
 from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.formats.wav import write_wav
-from forest_addon.results.dry_sounds import CALL, PEAK_DB, dry_sound
-from forest_addon.results.echo_files import write_echo
 from forest_addon.results.kinds import RESULTS, labelled_of
+from forest_addon.results.reverb import CALL, PEAK_DB, dry_sound
+from forest_addon.results.sonar import write_echo
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_patterns, read_route
 from forest_addon.sensing.sonar.ping import fly, ping

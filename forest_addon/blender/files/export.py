@@ -23,6 +23,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -53,6 +54,14 @@ IMPORTERS = {  # what opens a file of each ending, among Blender's operators
     ".stl": ("wm", "stl_import"),
     **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), ("wm", "usd_import")),
 }
+AS_WRITTEN: dict[
+    str, dict[str, Any]
+] = {  # options by which meshes of a tree keep the axes of their file
+    ".ply": {"forward_axis": "Y", "up_axis": "Z"},
+    ".obj": {"forward_axis": "Y", "up_axis": "Z", "use_split_objects": True},
+    ".gltf": {"import_shading": "FLAT"},
+    ".glb": {"import_shading": "FLAT"},
+}
 
 
 def empty_file() -> None:
@@ -69,17 +78,13 @@ def open_file(path: Path) -> float:
     ------
     SpecError : an ending that is not known; Blender cannot open it; a mesh lost its shape at map coordinates.
     """
-    ending, name = path.suffix.lower(), str(path.resolve())
+    ending = path.suffix.lower()
     if ending not in IMPORTERS:
         raise SpecError(str(path), f"must end in one of {', '.join(IMPORTERS)}")
-    # importers say of a missing file what it is not, and pass over what is wrong in an OBJ
-    {".obj": read_obj}.get(ending, Path.stat)(path)
     if ending == ".blend":
-        bpy.ops.wm.open_mainfile(filepath=name, load_ui=False, use_scripts=False)
+        _import(path, load_ui=False, use_scripts=False)
     else:
-        empty_file()
-        group, operator = IMPORTERS[ending]
-        getattr(getattr(bpy.ops, group), operator)(filepath=name)
+        _import(path, anew=True)
         # Single precision may have rounded meshes away, or moved them.
         things = [t for t in bpy.context.scene.objects if t.type == "MESH" and t.data.polygons]
         boxes = [np.array(obj.bound_box) for obj in things]
@@ -99,6 +104,17 @@ def open_file(path: Path) -> float:
         units.scale_length = 1.0
         bpy.context.view_layer.update()
     return metres
+
+
+def _import(path: Path, anew: bool = False, **options: Any) -> None:
+    """Have Blender's operator for such files open one; anew : in an empty scene."""
+    ending = path.suffix.lower()
+    # importers say of a missing file what it is not, and pass over what is wrong in an OBJ
+    {".obj": read_obj}.get(ending, Path.stat)(path)
+    if anew:
+        empty_file()
+    group, operator = IMPORTERS[ending]
+    getattr(getattr(bpy.ops, group), operator)(filepath=str(path.resolve()), **options)
 
 
 def open_for(scene: Scene, folder: Path) -> None:
@@ -234,8 +250,7 @@ def _trimmed(
             scene.collection.objects.link(obj)
         yield (shown - grounds) | set(made)
     finally:
-        meshes = [obj.data for obj in made]
-        bpy.data.batch_remove([*made, *meshes])
+        bpy.data.batch_remove([*made, *(obj.data for obj in made)])
 
 
 def _cut(ground: bpy.types.Object, low: np.ndarray, high: np.ndarray) -> bpy.types.Object:
@@ -369,7 +384,6 @@ def bake(scene: bpy.types.Scene, path: Path) -> None:
             )
 
 
-ENDINGS = (".ply", ".obj", ".gltf", ".glb")
 DRACO = b"KHR_draco_mesh_compression"
 COMPRESSED = "this Blender cannot decode its compressed meshes (Draco); export it without"
 
@@ -382,15 +396,19 @@ def read_groups(path: Path) -> list[Group]:
     ------
     SpecError : the file is not there, is no such file, holds no facets, or lost its shape at map coordinates.
     """
+    ending = path.suffix.lower()
+    if ending not in AS_WRITTEN:
+        known = ", ".join((".stl", *AS_WRITTEN))
+        raise SpecError("template", f"{path.name} is of no known kind; use {known}")
     with _apart() as scene:
         try:
-            _open(path)
+            _import(path, **AS_WRITTEN[ending])
         except RuntimeError:
             if _is_compressed(path):
                 raise SpecError("template", f"{path} cannot be read: {COMPRESSED}") from None
             raise
         groups = [group for obj in scene.objects for group in _groups_of(obj)]
-    if path.suffix.lower() in (".gltf", ".glb"):  # Blender has turned it to z up
+    if ending in (".gltf", ".glb"):  # Blender has turned it to z up
         groups = [Group(g.name, g.material, g.facets @ _Y_TO_Z) for g in groups]
     if not groups:
         problem = f"{path.name} has no facets; export it with its meshes"
@@ -427,20 +445,6 @@ def _is_compressed(path: Path) -> bool:
 
 
 _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # rows times this: z up back to y up
-
-
-def _open(path: Path) -> None:
-    ending = path.suffix.lower()
-    # importers say of a missing file what it is not, and pass over what is wrong in an OBJ
-    {".obj": read_obj}.get(ending, Path.stat)(path)
-    if ending == ".ply":
-        bpy.ops.wm.ply_import(filepath=str(path), forward_axis="Y", up_axis="Z")
-    elif ending == ".obj":
-        bpy.ops.wm.obj_import(
-            filepath=str(path), forward_axis="Y", up_axis="Z", use_split_objects=True
-        )
-    else:
-        bpy.ops.import_scene.gltf(filepath=str(path), import_shading="FLAT")
 
 
 @contextmanager

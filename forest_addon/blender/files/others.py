@@ -120,7 +120,7 @@ def write_parts(
     """
     home = folder / PARTS / name
     home.mkdir(parents=True, exist_ok=True)
-    materials = _Materials(surfaces)
+    reflectance: dict[str, float] = {}  # of materials, by name
     placed, own = [], 0
     written: dict[tuple, str] = {}
     for row in range(len(geometry)):
@@ -131,53 +131,49 @@ def write_parts(
         alone = not is_similar(transform)
         triangle = np.arange(len(mesh.triangles))
         share = geometry.reflectance_at(np.full(len(triangle), row), triangle, np.nan)
-        slot = materials.slots(mesh.part, share)
+        slot = _slots(mesh.part, share, surfaces, reflectance)
         key = (number, row if alone else -1, slot.tobytes())
         if key not in written:
             file = f"mesh{len(written):05d}.obj"
             vertices = apply_transform(transform, mesh.vertices) if alone else mesh.vertices
-            names = materials.names
+            names = list(reflectance)
             write_obj(home / file, vertices, mesh.triangles, slot, names, "materials.mtl")
             written[key] = f"{PARTS}/{name}/{file}"
         own += alone
         placed.append((row, written[key], np.eye(3, 4) if alone else transform))
-    write_materials(home / "materials.mtl", materials.reflectance, materials.ground)
+    ground = {name for name in reflectance if name.partition("_")[0] == PART_NAMES[GROUND]}
+    write_materials(home / "materials.mtl", reflectance, ground)
     write_document(folder / SCENES / f"{name}.xml", scene_document(name, placed))
-    unsaid = []
-    if own:
-        unsaid.append(f"{own:,} instances are sheared or mirrored: each has an OBJ file of its own")
-    if surfaces.leaf_transmittance:
-        unsaid.append("leaves let light pass (leaf_transmittance): in HELIOS++ they are opaque")
-    if geometry.optics is not None or geometry.slot_optics:
-        unsaid.append(
-            "mirrors, glass, water and retro-reflectors are surfaces as any other in HELIOS++"
-        )
-    return placed, unsaid
+    unsaid = (
+        (own, f"{own:,} instances are sheared or mirrored: each has an OBJ file of its own"),
+        (
+            surfaces.leaf_transmittance,
+            "leaves let light pass (leaf_transmittance): in HELIOS++ they are opaque",
+        ),
+        (
+            geometry.optics is not None or geometry.slot_optics,
+            "mirrors, glass, water and retro-reflectors are surfaces as any other in HELIOS++",
+        ),
+    )
+    return placed, [sentence for holds, sentence in unsaid if holds]
 
 
-class _Materials:
-    """Materials by part and reflectance."""
+def _slots(
+    part: np.ndarray, own: np.ndarray, surfaces: Surfaces, reflectance: dict[str, float]
+) -> np.ndarray:
+    """(T,) materials of triangles of parts (T,) with a reflectance of their own (T,), or NaN.
 
-    def __init__(self, surfaces: Surfaces) -> None:
-        usual = {OTHER: surfaces.other, WOOD: surfaces.wood, LEAF: surfaces.leaf}
-        usual |= {GROUND: surfaces.ground, DEAD: surfaces.wood}
-        self._usual = np.array([usual[part] for part in range(len(PART_NAMES))])
-        self.names: list[str] = []
-        self.reflectance: dict[str, float] = {}
-        self.ground: set[str] = set()
-
-    def slots(self, part: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """(T,) materials of triangles of parts (T,) with a reflectance of their own (T,), or NaN."""
-        share = np.where(np.isnan(own), self._usual[part], own)
-        kinds, slot = np.unique(np.stack([part, share]), axis=1, return_inverse=True)
-        numbers = []
-        for kind, value in kinds.T.tolist():
-            name = PART_NAMES[int(kind)].replace(" ", "_")
-            name = name if value == self._usual[int(kind)] else f"{name}_{value:.6g}"
-            if name not in self.names:
-                self.names.append(name)
-                self.reflectance[name] = value
-                if int(kind) == GROUND:
-                    self.ground.add(name)
-            numbers.append(self.names.index(name))
-        return np.array(numbers)[slot.ravel()]
+    reflectance : of materials by name, whose order is their number; filled on.
+    """
+    by_part = {OTHER: surfaces.other, WOOD: surfaces.wood, LEAF: surfaces.leaf}
+    by_part |= {GROUND: surfaces.ground, DEAD: surfaces.wood}
+    usual = np.array([by_part[number] for number in range(len(PART_NAMES))])
+    share = np.where(np.isnan(own), usual[part], own)
+    kinds, slot = np.unique(np.stack([part, share]), axis=1, return_inverse=True)
+    numbers = []
+    for kind, value in kinds.T.tolist():
+        name = PART_NAMES[int(kind)].replace(" ", "_")
+        name = name if value == usual[int(kind)] else f"{name}_{value:.6g}"
+        reflectance.setdefault(name, value)
+        numbers.append(list(reflectance).index(name))
+    return np.array(numbers)[slot.ravel()]

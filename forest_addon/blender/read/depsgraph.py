@@ -145,11 +145,7 @@ class _Found:
 
     def __init__(self) -> None:
         self._number_of: dict[int, int] = {}
-        self._meshes: list[TriMesh] = []
-        self._slots: list[np.ndarray] = []
-        self._assets: list[str] = []
-        self._materials: list[tuple[str, ...]] = []
-        self._slot_optics: list[np.ndarray] = []
+        self._meshes: list[tuple] = []  # and what each says of itself, see ``_number``
         self._names: dict[str, int] = {}
         self._single: list[tuple] = []
         self._many: list[tuple] = []
@@ -216,8 +212,10 @@ class _Found:
             )
             for k, (column, kind, shape) in enumerate(zip(columns, kinds, shapes, strict=True))
         )
-        if any(self._assets):
-            kinds = [asset.partition("#")[0] for asset in self._assets]
+        of_meshes: Any = zip(*self._meshes, strict=True) if self._meshes else [()] * 5
+        meshes, slots, slot_optics, assets, materials = of_meshes
+        if any(assets):
+            kinds = [asset.partition("#")[0] for asset in assets]
             number = {kind: k for k, kind in enumerate(sorted(set(kinds) - {""}))}
             of_mesh = np.array([number.get(kind, -1) for kind in kinds], dtype=np.int64)
             ours = of_mesh[index] >= 0
@@ -227,7 +225,7 @@ class _Found:
             new = np.flatnonzero(ours & (species < 0))
             species[new] = species.max(initial=-1) + 1 + of_mesh[index[new]]
         return SceneGeometry(
-            meshes=tuple(self._meshes),
+            meshes=meshes,
             transform=transform,
             mesh_index=index,
             object_name=tuple(self._names),
@@ -235,13 +233,11 @@ class _Found:
             species=species,
             object_index=name,
             reflectance=reflectance,
-            slot_reflectance=tuple(self._slots),
-            asset=tuple(self._assets),
-            slot_names=tuple(self._materials),
+            slot_reflectance=slots,
+            asset=assets,
+            slot_names=materials,
             optics=None if np.isnan(optics[:, 0]).all() else optics,
-            slot_optics=tuple(self._slot_optics)
-            if any(np.isfinite(slots).any() for slots in self._slot_optics)
-            else (),
+            slot_optics=slot_optics if any(np.isfinite(one).any() for one in slot_optics) else (),
         )
 
     def _number(self, mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> int:
@@ -251,17 +247,20 @@ class _Found:
             empty = not len(mesh.polygons)
             self._number_of[key] = -1 if empty else len(self._meshes)
             if not empty:
-                self._meshes.append(_known(_triangles_of(mesh, obj)))
                 shares = [m.original.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
                 shares = [s if isinstance(s, int | float) else np.nan for s in shares]
-                self._slots.append(np.array(shares or [np.nan], dtype=np.float64))
                 slots = [optics_of(m) if m else NO_OPTICS for m in mesh.materials]
-                self._slot_optics.append(np.array(slots or [NO_OPTICS]))
                 # which tree of a library a mesh is, also one that modifiers have worked on; empty for others
                 blocks = (mesh, obj.original.data) if obj is not None else (mesh,)
                 said = (block.get(ASSET_KEY) for block in blocks if isinstance(block, bpy.types.ID))
-                self._assets.append(next((asset for asset in said if isinstance(asset, str)), ""))
-                self._materials.append(tuple(m.name if m else "" for m in mesh.materials) or ("",))
+                told = (
+                    _known(_triangles_of(mesh, obj)),
+                    np.array(shares or [np.nan], dtype=np.float64),
+                    np.array(slots or [NO_OPTICS]),
+                    next((asset for asset in said if isinstance(asset, str)), ""),
+                    tuple(m.name if m else "" for m in mesh.materials) or ("",),
+                )
+                self._meshes.append(told)
         return self._number_of[key]
 
     def _name(self, obj: bpy.types.Object) -> int:

@@ -53,10 +53,9 @@ def read_terrain(
     obj = _object(name, depsgraph, where)
     data = obj.to_mesh()
     try:
-        try:
-            return Triangulated(*_world(obj, data))
-        except ValueError as problem:
-            raise SpecError(where, f'"{name}": {problem}') from None
+        return Triangulated(*_world(obj, data))
+    except ValueError as problem:
+        raise SpecError(where, f'"{name}": {problem}') from None
     finally:
         obj.to_mesh_clear()
 

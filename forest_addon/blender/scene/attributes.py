@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import bpy
@@ -20,6 +21,18 @@ KINDS: dict[str, tuple[str, type, int]] = {
     "INT32_2D": ("value", np.int32, 2),
     "FLOAT4X4": ("value", np.float32, 16),
 }
+BY_SHAPE = {(): "FLOAT", (3,): "FLOAT_VECTOR", (4,): "FLOAT_COLOR"}  # of a value with a fraction
+
+
+def mesh_of_points(name: str, arrays: Mapping[str, np.ndarray]) -> bpy.types.Mesh:
+    """A new mesh of vertices alone, with arrays (N,) or (N, K) as attributes: whole numbers, numbers, vectors
+    or colours."""
+    data = bpy.data.meshes.new(name)
+    data.vertices.add(len(next(iter(arrays.values()))))
+    for key, values in arrays.items():
+        whole = np.issubdtype(values.dtype, np.integer)
+        write(data, key, values, "INT" if whole else BY_SHAPE[values.shape[1:]])
+    return data
 
 
 def write(

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from .attributes import read, write
+from .attributes import mesh_of_points, read
 from .layout import (
     POINTS_ROLE,
     ROLE_KEY,
@@ -221,13 +221,9 @@ def points_mesh(
     _refuse(~np.isfinite(position).all(axis=1), position, tree, "stands at", "finite")
     _refuse(~np.isfinite(rotation), rotation, tree, "is turned by", "finite")
     _refuse((variant < 0) | (variant >= count), variant, tree, "is variant", f"0 to {count - 1}")
-    data = bpy.data.meshes.new(name)
-    data.vertices.add(len(position))
-    write(data, "position", position, "FLOAT_VECTOR")
-    write(data, ROTATION, rotation)
-    write(data, SCALE, scale)
-    for key, values in ((VARIANT, variant), (TREE_KEY, tree), (SPECIES_KEY, species)):
-        write(data, key, values, "INT")
+    measures = {"position": position, ROTATION: rotation, SCALE: scale}
+    numbers = {VARIANT: variant, TREE_KEY: tree, SPECIES_KEY: species}
+    data = mesh_of_points(name, measures | numbers)
     data.update()
     return data
 

@@ -324,18 +324,15 @@ def _renewed(
 
 def _is_same(one: SceneGeometry, other: SceneGeometry) -> bool:
     """Return whether two scenes hold the same meshes at the same places, and say the same of them."""
-    if list(map(id, one.meshes)) != list(map(id, other.meshes)):
-        return False
-    for field in fields(SceneGeometry):
-        if field.name != "meshes":
-            both = getattr(one, field.name), getattr(other, field.name)
-            lists = [value if isinstance(value, tuple) else (value,) for value in both]
-            if len(lists[0]) != len(lists[1]) or not all(map(_are_equal, *lists)):
-                return False
-    return True
+    names = (field.name for field in fields(SceneGeometry) if field.name != "meshes")
+    return list(map(id, one.meshes)) == list(map(id, other.meshes)) and all(
+        _are_equal(getattr(one, name), getattr(other, name)) for name in names
+    )
 
 
 def _are_equal(one: Any, other: Any) -> bool:
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_are_equal, one, other))
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
         return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
     return bool(one is other or one == other)

@@ -21,7 +21,7 @@ from ...base.trimesh import DEAD, GROUND, LEAF, PART_NAMES, WOOD
 from ...results.coordinates import Offset
 from ...sensing.lidar.cloud import Cloud, Returns
 from ...sensing.sonar.echo import Contributions
-from ..scene.attributes import read, write
+from ..scene.attributes import mesh_of_points, read, write
 from ..scene.layout import (
     CLOUD_KEY,
     COLOUR_BY,
@@ -42,10 +42,9 @@ from .cloud_nodes import (
     USUAL_MAP,
     VALUE,
     VIVID,
-    heard_group,
+    group_of,
     on_map,
     points_material,
-    scan_group,
 )
 
 MOST = 12  # names of one choice; what is hit more rarely is left out
@@ -163,62 +162,53 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
 
     Where nothing is of a tree or of the ground it is first coloured by object.
     """
-    data = bpy.data.meshes.new(name)
-    data.vertices.add(len(cloud))
-    write(data, "position", cloud.position, "FLOAT_VECTOR")
-    write(data, "surface_normal", cloud.returns.normal, "FLOAT_VECTOR")
-    for measure, values in {
-        "distance": cloud.returns.distance,
+    returns = cloud.returns
+    arrays = {
+        "position": cloud.position,
+        "surface_normal": returns.normal,
+        "distance": returns.distance,
         "true_range": cloud.true_range,
         "intensity": cloud.intensity,
         "width": cloud.width,
-        "incidence": np.arccos(np.minimum(cloud.returns.cos_incidence, 1.0)),
+        "incidence": np.arccos(np.minimum(returns.cos_incidence, 1.0)),
         "scan_angle": cloud.scan_angle,
         "time": cloud.time,
-    }.items():
-        write(data, measure, values)
-    for label, numbers in {
-        **{name: getattr(cloud.returns, name) for name in ("tree", "species", "organ", "leaf")},
-        "object": cloud.returns.instance,
+        **{label: getattr(returns, label) for label in ("tree", "species", "organ", "leaf")},
+        "object": returns.instance,
         "pulse": cloud.pulse,
         "return_number": cloud.number,
         "number_of_returns": cloud.count,
         **({} if cloud.bounce is None else {"bounce": cloud.bounce}),
-    }.items():
-        write(data, label, numbers, "INT")
-    write(data, "organ_colour", of_organs(cloud.returns.organ), "FLOAT_COLOR")
-    foreign = not np.isin(cloud.returns.organ, list(COLOUR_OF_ORGAN)).any()
-    return _show(home, name, data, scan_group, "Object" if foreign and len(cloud) else "")
+        "organ_colour": of_organs(returns.organ),
+    }
+    foreign = len(cloud) and not np.isin(returns.organ, list(COLOUR_OF_ORGAN)).any()
+    return _show(home, name, mesh_of_points(name, arrays), "scan", "Object" if foreign else "")
 
 
 def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> bpy.types.Object:
     """Put what a sonar heard into a collection as points, on the usual scale of colours by loudness."""
-    data = bpy.data.meshes.new(name)
-    data.vertices.add(len(heard))
-    write(data, "position", heard.position, "FLOAT_VECTOR")
     loudest = float(heard.amplitude.max(initial=0.0)) or 1.0
     level = 20.0 * np.log10(np.maximum(heard.amplitude / loudest, QUIETEST))
     share = 1.0 - level / (20.0 * np.log10(QUIETEST))
-    write(data, "level", level)
-    write(data, "distance", heard.distance)
-    write(data, "delay", heard.delay)
-    for label in ("tree", "instance", "number"):
-        write(data, label, getattr(heard, label), "INT")
-    colour = np.column_stack([on_map(USUAL_MAP, share), np.ones(len(share))])
-    write(data, "organ_colour", colour, "FLOAT_COLOR")
-    return _show(home, name, data, heard_group)
+    arrays = {
+        "position": heard.position,
+        "level": level,
+        **{key: getattr(heard, key) for key in ("distance", "delay", "tree", "instance", "number")},
+        "organ_colour": np.column_stack([on_map(USUAL_MAP, share), np.ones(len(share))]),
+    }
+    return _show(home, name, mesh_of_points(name, arrays), "heard")
 
 
 def _show(
     home: bpy.types.Collection,
     name: str,
     data: bpy.types.Mesh,
-    group: Callable[[], bpy.types.NodeTree],
+    kind: str,
     colour_by: str = "",
 ) -> bpy.types.Object:
     """An object of these points: the one of before, with all that was done to it, or a new one.
 
-    group : the nodes of a new one. colour_by : what its menu says at first, if not the group's default.
+    kind : of the nodes of a new one. colour_by : what its menu says at first, if not their default.
     """
     data.update()
     obj = _standing(home, name)
@@ -229,7 +219,7 @@ def _show(
     obj[CLOUD_KEY] = name
     data.materials.append(points_material())
     modifier = obj.modifiers.new("Points", "NODES")
-    modifier.node_group = group()
+    modifier.node_group = group_of(kind)
     if colour_by:
         choose_input(modifier, COLOUR_BY, colour_by)
     obj.hide_render = True

@@ -48,15 +48,15 @@ GOLDEN = 0.6180339887498949  # numbers one after the other get hues far apart
 VIVID, VALUE = 0.75, 0.6  # saturation and value of those hues
 
 
-def scan_group() -> bpy.types.NodeTree:
-    """The nodes of scanners' clouds, as they are in the file."""
-    return marked(GROUP_KEY, f"scan {VERSION}") or _make("scan", GROUP, "Organ", NUMBERS, MEASURES)
+GROUPS = {  # of scanners' clouds and of what sonars heard: title, first choice of the menu, numbers, measures
+    "scan": (GROUP, "Organ", NUMBERS, MEASURES),
+    "heard": (HEARD_GROUP, "Loudness", HEARD_NUMBERS, HEARD_MEASURES),
+}
 
 
-def heard_group() -> bpy.types.NodeTree:
-    """The nodes of what sonars heard."""
-    of_echoes = ("heard", HEARD_GROUP, "Loudness", HEARD_NUMBERS, HEARD_MEASURES)
-    return marked(GROUP_KEY, f"heard {VERSION}") or _make(*of_echoes)
+def group_of(kind: str) -> bpy.types.NodeTree:
+    """The nodes that show points of a kind, as they are in the file."""
+    return marked(GROUP_KEY, f"{kind} {VERSION}") or _make(kind, *GROUPS[kind])
 
 
 def title_of(name: str) -> str:
@@ -145,8 +145,7 @@ def _make(
     }
     made = graph.add("MeshToPoints", points, label="A point a vertex").outputs[0]
     graph.finish(graph.value("SetMaterial", made, None, given[COAT], label="What they look like"))
-    menus = {COLOUR_BY: first, COLOUR_MAP: USUAL_MAP}
-    for menu, choice in menus.items():  # known only once they are linked
+    for menu, choice in ((COLOUR_BY, first), (COLOUR_MAP, USUAL_MAP)):  # known once they are linked
         graph.sockets[menu].default_value = choice
     return graph.tree
 

@@ -17,6 +17,7 @@ from mathutils import Matrix, Vector
 from ... import spec
 from ..scene.attributes import places_of, write
 from ..scene.instances import IGNORED_KEY
+from ..scene.meshes import plain_mesh
 
 if TYPE_CHECKING:
     from ...stand.intensity.surface import GroundSurface
@@ -77,9 +78,7 @@ def new_canvas(name: str, home: bpy.types.Collection) -> bpy.types.Object:
     x, y = (part.ravel() for part in np.meshgrid(side, side, indexing="ij"))
     corner = (np.arange(CELLS)[:, None] * (CELLS + 1) + np.arange(CELLS)).ravel()
     quads = np.stack([corner, corner + CELLS + 1, corner + CELLS + 2, corner + 1], axis=1)
-    data = bpy.data.meshes.new(name)
-    data.from_pydata(np.column_stack([x, y, 0 * x]).tolist(), [], quads.tolist())
-    obj = bpy.data.objects.new(name, data)
+    obj = bpy.data.objects.new(name, plain_mesh(name, np.column_stack([x, y, 0 * x]), quads))
     obj[CANVAS_KEY] = obj[IGNORED_KEY] = True
     obj.hide_render = True
     home.objects.link(obj)

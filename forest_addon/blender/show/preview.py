@@ -30,7 +30,7 @@ from ..files.export import empty_file
 from ..scene import materials
 from ..scene.instances import IGNORED_KEY, read_points
 from ..scene.layout import TREES, objects_in, part
-from ..scene.meshes import to_mesh
+from ..scene.meshes import plain_mesh, to_mesh
 from ..scene.nodes import Graph, tree_of
 
 Field = tuple[tuple[float, float], tuple[float, float]]
@@ -122,11 +122,8 @@ def lay_lawn(scene: bpy.types.Scene, height: float) -> None:
 
 def _flat(name: str, far: float, height: float, coat: bpy.types.Material) -> bpy.types.Mesh:
     """A level square that reaches so many metres to each side."""
-    data = bpy.data.meshes.new(name)
     corners = [(-far, -far, height), (far, -far, height), (far, far, height), (-far, far, height)]
-    data.from_pydata(corners, [], [(0, 1, 2, 3)])
-    data.materials.append(coat)
-    return data
+    return plain_mesh(name, corners, [(0, 1, 2, 3)], coat)
 
 
 def _lay(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.types.Object:
@@ -262,10 +259,7 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
         bpy.data.objects.remove(obj)
         bpy.data.meshes.remove(data)
     for number, (beyond, high, jag) in enumerate(RINGS):
-        data = bpy.data.meshes.new(HORIZON)
         vertices, faces = _ring(number, reach + beyond, high, jag)
-        vertices += [*middle, height]
-        data.from_pydata(vertices.tolist(), [], faces.tolist())
         name = f"{HORIZON} {number}"
         material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
         graph = Graph(tree_of(material))
@@ -273,16 +267,15 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
         air = 1 - np.exp(-beyond / VISIBILITY)  # a flat colour: leaves seen through so much air
         colour = tuple(float(w + air * (a - w)) for w, a in zip(WOODED, AIR, strict=True))
         graph.add("OutputMaterial", {"Surface": graph.value("Emission", colour)})
-        data.materials.append(material)
+        vertices += [*middle, height]
+        data = plain_mesh(HORIZON, vertices, faces, material)
         ring = _lay(scene.collection, HORIZON, data)
         ring.visible_shadow = ring.visible_diffuse = ring.visible_glossy = False
-    data = bpy.data.meshes.new(HORIZON)
     around = 2 * np.pi * np.arange(PLAIN_CORNERS) / PLAIN_CORNERS
     rim = (reach + RINGS[0][0]) * np.stack([np.cos(around), np.sin(around)], axis=1)
     places = np.column_stack([rim + middle, np.full(PLAIN_CORNERS, height - BELOW)])
-    data.from_pydata(places.tolist(), [], [list(range(PLAIN_CORNERS))])
-    data.materials.append(bpy.data.materials.get(PLAIN) or materials.meadow(PLAIN))
-    _lay(scene.collection, PLAIN, data)
+    coat = bpy.data.materials.get(PLAIN) or materials.meadow(PLAIN)
+    _lay(scene.collection, PLAIN, plain_mesh(HORIZON, places, [range(PLAIN_CORNERS)], coat))
 
 
 def ridge_of(number: int, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
@@ -322,26 +315,13 @@ CELL = 0.8  # metres between patches
 PATCH = 0.55  # metres from the middle of a patch to its plants
 
 
-@dataclass(frozen=True)
-class Plant:
-    """Undergrowth: plants of a patch, patches to choose from, and where it grows.
-
-    share : of the ground. sort : which waves of the ground it follows. size : least and most.
-    """
-
-    species: str
-    plants: int
-    patches: int
-    share: float
-    sort: int
-    size: tuple[float, float]
-
-
+# Undergrowth, each by waves of the ground of its own: species, plants of a patch, patches to choose from,
+# share of the ground, least and largest size.
 PLANTS = (
-    Plant("grass", 16, 4, 0.52, 0, (0.6, 1.25)),
-    Plant("bilberry", 14, 3, 0.38, 1, (0.7, 1.3)),
-    Plant("fern", 1, 4, 0.10, 2, (0.6, 1.2)),
-    Plant("litter", 1, 4, 0.16, 3, (0.7, 1.1)),
+    ("grass", 16, 4, 0.52, (0.6, 1.25)),
+    ("bilberry", 14, 3, 0.38, (0.7, 1.3)),
+    ("fern", 1, 4, 0.10, (0.6, 1.2)),
+    ("litter", 1, 4, 0.16, (0.7, 1.1)),
 )
 
 
@@ -427,16 +407,16 @@ def grow_around(
     spots, far = (spots + place)[keep := (far > NEAR) & (far < reach) & (aside < 0.75)], far[keep]
     thinned = np.clip((reach - far) / (reach - FULL), THINNEST, 1.0)
     ground = height(spots)
-    for plant in PLANTS:
-        waves = _waves(spots, plant.sort)
-        grows = (waves < np.quantile(waves, plant.share)) if len(waves) else np.empty(0, bool)
+    for sort, (species, plants, count, share, size) in enumerate(PLANTS):
+        waves = _waves(spots, sort)
+        grows = (waves < np.quantile(waves, share)) if len(waves) else np.empty(0, bool)
         grows &= (rng.random(len(spots)) < thinned) & np.isfinite(ground)
-        patches = _patches(plant)
+        patches = _patches(species, plants, count)
         for number in np.flatnonzero(grows):
             obj = _lay(home, NAME, patches[int(rng.integers(len(patches)))])
             obj.location = (*spots[number], float(ground[number]) - 0.01)
             obj.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
-            obj.scale = (float(rng.uniform(*plant.size)),) * 3
+            obj.scale = (float(rng.uniform(*size)),) * 3
 
 
 def _waves(spots: np.ndarray, sort: int) -> np.ndarray:
@@ -451,17 +431,15 @@ def _waves(spots: np.ndarray, sort: int) -> np.ndarray:
     return total
 
 
-def _patches(plant: Plant) -> list[bpy.types.Mesh]:
+def _patches(name: str, plants: int, count: int) -> list[bpy.types.Mesh]:
     """Meshes of patches, each of a few plants that were grown for it."""
-    species, kind = load_species(find_species(plant.species, Path()))
+    species, kind = load_species(find_species(name, Path()))
     coats = materials.coats_of(species)
     made = []
-    for number in range(plant.patches):
-        rng = stream(13, plant.species, number)
-        grown = [grow(species, kind, rng).mesh for _ in range(min(3, plant.plants))]
-        parts = [
-            _set_down(grown[k % len(grown)], rng, plant.plants > 1) for k in range(plant.plants)
-        ]
+    for number in range(count):
+        rng = stream(13, name, number)
+        grown = [grow(species, kind, rng).mesh for _ in range(min(3, plants))]
+        parts = [_set_down(grown[k % len(grown)], rng, plants > 1) for k in range(plants)]
         made.append(to_mesh(NAME, join(parts), coats))
     return made
 
@@ -566,8 +544,7 @@ def _aim(scene: bpy.types.Scene, wide: float, high: float) -> None:
     data.clip_end = 1000.0
     camera = bpy.data.objects.new("Sheet camera", data)
     middle = np.array([wide / 2, 0.0, high / 2 / math.cos(TILT)])
-    back = np.array([0.0, -math.cos(TILT), math.sin(TILT)])
-    camera.location = middle + 50.0 * back
+    camera.location = middle + 50.0 * np.array([0.0, -math.cos(TILT), math.sin(TILT)])
     camera.rotation_euler = (math.pi / 2 - TILT, 0.0, 0.0)
     scene.collection.objects.link(camera)
     scene.camera = camera

@@ -17,6 +17,7 @@ from ..scene.attributes import write
 from ..scene.instances import IGNORED_KEY
 from ..scene.layout import own
 from ..scene.materials import coloured
+from ..scene.meshes import plain_mesh
 
 NEAR, FAR = 0.5, 6.0  # metres: reddest, bluest
 THICK = 0.03  # metres, a trail's radius
@@ -57,14 +58,10 @@ def show_flights(
             moved = np.append(True, np.linalg.norm(np.diff(track.position, axis=0), axis=1) > 1e-6)
             place, near = track.position[moved], track.nearest[moved]
             vertices, triangles = tube(place, np.full(len(place), THICK), 6)
-            data = bpy.data.meshes.new(f"{label} trail")
-            data.from_pydata(vertices.tolist(), [], triangles.tolist())
-            shade = colours(near)
+            coat = bpy.data.materials.get(MATERIAL) or own(coloured(MATERIAL, COLOUR, 0.6))
+            data = plain_mesh(f"{label} trail", vertices, triangles, coat)
             of_vertex = cKDTree(place).query(vertices)[1]
-            write(data, COLOUR, shade[of_vertex], "FLOAT_COLOR")
-            data.materials.append(
-                bpy.data.materials.get(MATERIAL) or own(coloured(MATERIAL, COLOUR, 0.6))
-            )
+            write(data, COLOUR, colours(near)[of_vertex], "FLOAT_COLOR")
             trail = bpy.data.objects.new(f"{label} trail", data)
             trail[FLIGHT_KEY], trail[IGNORED_KEY] = label, True
             home.objects.link(trail)

@@ -22,7 +22,7 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.trimesh import TriMesh
 from ...sensing.moving import split_pieces
-from ..scene.attributes import read, write
+from ..scene.attributes import mesh_of_points, read, write
 from ..scene.instances import TREE_KEY, library_of
 from ..scene.layout import (
     MADE_KEY,
@@ -122,16 +122,15 @@ def table_of(
     amplitudes: Mapping[int, np.ndarray], rows: Sequence[int], count: int
 ) -> bpy.types.Mesh:
     """Amplitudes of every tree at every knot: a vertex for each, trees one after another."""
-    data = bpy.data.meshes.new("Wind Table")
-    data.vertices.add(len(rows) * count)
     values = np.zeros((len(rows), count, MODES), np.float32)
     for place, row in enumerate(rows):
         own = amplitudes[row]
         values[place, :, : own.shape[1]] = own
-    for first in range(0, MODES, 3):
-        three = values[..., first : first + 3].reshape(-1, 3)
-        write(data, amplitude_name(first), three, "FLOAT_VECTOR")
-    return data
+    threes = {
+        amplitude_name(first): values[..., first : first + 3].reshape(-1, 3)
+        for first in range(0, MODES, 3)
+    }
+    return mesh_of_points("Wind Table", threes)
 
 
 def pieces_of(
@@ -158,14 +157,12 @@ def pieces_of(
 
 def pieces_mesh(maps: np.ndarray, numbers: Mapping[str, np.ndarray]) -> bpy.types.Mesh:
     """A point for every piece: how modes move it, (P, MODES, 3, 4), and whole numbers (P,) by name."""
-    data = bpy.data.meshes.new("Wind Pieces")
-    data.vertices.add(len(maps))
-    for name, values in numbers.items():
-        write(data, name, values, "INT")
-    for mode in range(MODES):
-        for column in range(COLUMNS):
-            write(data, basis_name(mode, column), maps[:, mode, :, column], "FLOAT_VECTOR")
-    return data
+    moved = {
+        basis_name(mode, column): maps[:, mode, :, column]
+        for mode in range(MODES)
+        for column in range(COLUMNS)
+    }
+    return mesh_of_points("Wind Pieces", {**numbers, **moved})
 
 
 def show_on_points(

@@ -128,10 +128,8 @@ def remove_tree(planting: Any, place: Place) -> None:
 def find_set(planting: Any, place: Place) -> Any:
     """The tree set by hand at a place, None where there is none."""
     far = max(NEAR, 1e-6 * max(map(abs, place)))
-    for entry in planting.by_hand:
-        if np.hypot(*np.subtract(entry.position, place)) <= far:
-            return entry
-    return None
+    near = (e for e in planting.by_hand if np.hypot(*np.subtract(e.position, place)) <= far)
+    return next(near, None)
 
 
 def clear_spot(planting: Any, place: Place, radius: float = SPOT) -> None:

@@ -39,8 +39,10 @@ CUBE, CORNERS = "Cube", 8  # what Blender starts with
 BESIDE = 2.0  # metres from the cube's middle to the ground that views show
 PLACES = {"origin", "centre", "start", "position", "source", "receiver", "polygon", "holes"}
 # What is given by files and objects of its own does not move with the rest.
-NAMED = {"painted", "trees", "collection", "object", "file", "follow", "array_file"}
-NAMED |= {"source_path", "receiver_path", "source_objects", "receiver_objects"}
+NAMED = {
+    *("painted", "trees", "collection", "object", "file", "follow", "array_file"),
+    *("source_path", "receiver_path", "source_objects", "receiver_objects"),
+}
 
 
 def beside_cube(scene: bpy.types.Scene, settings: spec.Scene) -> spec.Scene:

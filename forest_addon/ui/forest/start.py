@@ -22,7 +22,17 @@ from ...blender.jobs import Work
 from ...spec import Scene
 from ..settings.drawing import split
 from ..settings.exchange import from_spec
-from ..shell.running import WhenReady, Working, button, current, long_button, made, menu, press
+from ..shell.running import (
+    WhenReady,
+    Working,
+    asked,
+    button,
+    current,
+    long_button,
+    made,
+    menu,
+    press,
+)
 from ..shell.views import icons, look_at, open_tab, region_of, views
 from ..shell.words import keep, label, say
 from .build import FOREST_OT_build
@@ -61,24 +71,14 @@ GALLERY = {  # scenes of the add-on with title and words, as the gallery shows t
 }
 
 
-def _open_gallery(
-    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
-) -> set[str]:
-    return set(context.window_manager.invoke_popup(pressed, width=720))
-
-
-def _close_gallery(_pressed: bpy.types.Operator, _context: bpy.types.Context) -> set[str]:
-    return {"FINISHED"}
-
-
 @made(
     bpy.types.Operator,
     "OT",
     "draw",
     "Gallery",
     bl_options={"INTERNAL"},
-    invoke=_open_gallery,
-    execute=_close_gallery,
+    invoke=lambda pressed, context, _: set(context.window_manager.invoke_popup(pressed, width=720)),
+    execute=lambda _pressed, _context: {"FINISHED"},
     new=bpy.props.BoolProperty(
         name="New File", description="Begin a file with it", options={"SKIP_SAVE", "HIDDEN"}
     ),
@@ -141,17 +141,10 @@ def _words_of_preset(cls: type, _context: bpy.types.Context, given: Any) -> str:
     return say(cls.__doc__ or "")
 
 
-def _ask_to_replace(
-    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
-) -> set[str]:
+def _is_planted(context: bpy.types.Context) -> bool:
+    """Return whether there is a forest to replace."""
     props = context.scene.forest_sensing
-    if bpy.app.background or not (props.plantings or props.stems):
-        return set(pressed.execute(context))
-    return set(
-        context.window_manager.invoke_props_dialog(
-            pressed, width=320, title=say("Replace this forest?"), confirm_text=say("Set Up")
-        )
-    )
+    return bool(props.plantings or props.stems)
 
 
 def _draw_replaced(pressed: bpy.types.Operator, _context: bpy.types.Context) -> None:
@@ -164,7 +157,7 @@ def _draw_replaced(pressed: bpy.types.Operator, _context: bpy.types.Context) -> 
     "Start a Forest",
     WhenReady,
     bl_options={"UNDO"},
-    invoke=_ask_to_replace,
+    invoke=asked(keep("Replace this forest?"), keep("Set Up"), 320, _is_planted),
     draw=_draw_replaced,
     description=classmethod(_words_of_preset),
     preset=PRESET,
@@ -186,8 +179,7 @@ def _draw_replaced(pressed: bpy.types.Operator, _context: bpy.types.Context) -> 
 def _start(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Take this set-up, species, field, sensors, and grow it; what else is in the scene stays"""
     name = take(context.scene, pressed.preset, pressed.sensors == "KEEP")
-    props = context.scene.forest_sensing
-    if pressed.grow and (props.plantings or props.stems):
+    if pressed.grow and _is_planted(context):
         press(bpy.ops.forest.build, frame=True)
         return ""
     return say("{name} is set up. Press Grow Forest in the sidebar", name=name)
@@ -312,7 +304,7 @@ def _furnish(pressed: bpy.types.Operator, context: bpy.types.Context) -> Work:
     pressed._job.kept.append(say("the settings"))
     for _, area in views():
         area.spaces.active.show_region_ui = True
-    if scene.forest_sensing.plantings or scene.forest_sensing.stems:
+    if _is_planted(context):
         sentence = yield from FOREST_OT_build.work(pressed, context)
     from ...blender.show.preview import lay_lawn, set_stage
 

@@ -17,6 +17,7 @@ from ...base.rng import stream
 from ...base.trimesh import LEAF
 from ...blender.scene import materials
 from ..settings.drawing import OfData, split
+from ..settings.groups import group_class
 from ..shell.running import WhenReady, button, panel
 from ..shell.words import keep
 from ..species import edit
@@ -54,14 +55,13 @@ def _settings() -> dict[str, Any]:
     }
 
 
-class FOREST_PG_grown(bpy.types.PropertyGroup):
-    """Settings that a single tree was grown from; ``grown`` tells its mesh from any other."""
-
-    __annotations__ = {
-        "grown": bpy.props.StringProperty(options={"HIDDEN"}),  # the species, by its name
-        "seed": _settings()["seed"],
-        "generations": _settings()["generations"],
-        "leaves": _settings()["leaves"],
+FOREST_PG_grown = group_class(  # settings that a single tree was grown from
+    "grown",
+    _settings()
+    | {
+        "grown": bpy.props.StringProperty(
+            options={"HIDDEN"}
+        ),  # the species; tells its mesh from any other
         "species": bpy.props.EnumProperty(
             name="Species",
             description="What grows",
@@ -71,7 +71,8 @@ class FOREST_PG_grown(bpy.types.PropertyGroup):
                 group, "grown", next((i[0] for i in species_items() if i[4] == number), LEAFY)
             ),
         ),
-    }
+    },
+)
 
 
 def _draw_settings(pressed: bpy.types.Operator, _context: bpy.types.Context) -> None:

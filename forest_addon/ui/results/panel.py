@@ -244,7 +244,7 @@ def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
     ------
     SpecError : the file of the dry sound cannot be used.
     """
-    from ...results.dry_sounds import PEAK_DB, dry_sound
+    from ...results.reverb import PEAK_DB, dry_sound
     from ...sensing.reverb.auralise import normalised
     from .finding import unpack
 

@@ -30,6 +30,7 @@ from ..shell.running import (
     PROBLEMS,
     WhenReady,
     Working,
+    asked,
     button,
     duration,
     getting_ready,
@@ -465,16 +466,6 @@ def draw_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
 MENUS = (("VIEW3D_MT_object", draw_menu),)
 
 
-def _ask_large(
-    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
-) -> set[str]:
-    return set(
-        context.window_manager.invoke_props_dialog(
-            pressed, width=340, title=say("This is a large run"), confirm_text=say("Run")
-        )
-    )
-
-
 def _draw_large(pressed: bpy.types.Operator, context: bpy.types.Context) -> None:
     frames = len(frames_of(context.scene)) if pressed.frames == "RANGE" else 1
     cost = estimate(context, pressed.sensor, pressed.again)
@@ -488,7 +479,7 @@ def _draw_large(pressed: bpy.types.Operator, context: bpy.types.Context) -> None
     "execute",
     "Run All the Same",
     bl_options={"INTERNAL"},
-    invoke=_ask_large,
+    invoke=asked(keep("This is a large run"), keep("Run"), 340),
     draw=_draw_large,
     sensor=bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"}),
     frames=bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"}),
@@ -499,18 +490,6 @@ def run_large(pressed: bpy.types.Operator, _context: bpy.types.Context) -> set[s
     """Ask before what takes long or much memory"""
     given = {name: getattr(pressed, name) for name in ("sensor", "frames", "keep", "again")}
     return set(bpy.ops.forest.run("INVOKE_DEFAULT", sure=True, **given))
-
-
-def _ask_frames(
-    pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
-) -> set[str]:
-    if bpy.app.background:
-        return set(pressed.execute(context))
-    return set(
-        context.window_manager.invoke_props_dialog(
-            pressed, width=320, title=say("Run Frame Range"), confirm_text=say("Run")
-        )
-    )
 
 
 def _draw_frames(pressed: bpy.types.Operator, context: bpy.types.Context) -> None:
@@ -545,7 +524,7 @@ def _how_many(pressed: bpy.types.Operator, scene: bpy.types.Scene) -> str:
     WhenReady,
     needs=FOREST_OT_run.needs,
     bl_options=set(),
-    invoke=_ask_frames,
+    invoke=asked(keep("Run Frame Range"), keep("Run"), 320),
     draw=_draw_frames,
     which=bpy.props.EnumProperty(
         name="Run",

@@ -28,8 +28,10 @@ from . import exchange, references
 from .drawing import is_narrow
 
 FOLDER = "forest_sensing"
-PLACES = {"gaussians", "rasters", "painted", "polygon", "holes", "trees", "collection"}
-PLACES |= {"by_hand", "clearings"}
+PLACES = {
+    *("gaussians", "rasters", "painted", "polygon", "holes", "trees", "collection"),
+    *("by_hand", "clearings"),
+}
 ENDS = {"sources", "receivers", "source_path", "receiver_path", "poses", "follow"}
 
 

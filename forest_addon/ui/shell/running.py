@@ -274,6 +274,22 @@ def ask_for_file(
     return {"RUNNING_MODAL"}
 
 
+def asked(
+    title: str, confirm: str, width: int, needed: Callable[[Any], bool] = lambda context: True
+) -> Callable[..., set[str]]:
+    """The ``invoke`` of an operator that asks in a dialog first, if need be and a window is there."""
+
+    def invoke(
+        pressed: bpy.types.Operator, context: bpy.types.Context, _event: bpy.types.Event
+    ) -> set[str]:
+        if bpy.app.background or not needed(context):
+            return set(pressed.execute(context))
+        words = {"title": say(title), "confirm_text": say(confirm)}
+        return set(context.window_manager.invoke_props_dialog(pressed, width=width, **words))
+
+    return invoke
+
+
 def dropped(ending: str, title: str, operator: str) -> type[bpy.types.FileHandler]:
     """The class that has files of an ending, dropped into a 3D view, taken by one of our operators."""
 

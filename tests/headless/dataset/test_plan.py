@@ -563,7 +563,7 @@ def test_the_whole_is_where_the_line_through_two_trials_leads():
 
 def test_the_memory_of_the_largest_scene_is_said():
     said = []
-    tell(Estimate(100, (trial(1e6), trial(6e6)), ()), said.append)
+    tell(Estimate(100, (trial(1e6), trial(6e6))), said.append)
     assert any("up to 1.00 GB of memory a worker" in line for line in said)
 
 
@@ -572,7 +572,7 @@ def test_a_trial_without_points_stays_as_it_is():
 
 
 def test_hours_of_all_scenes_and_of_a_set_like_boreal3d():
-    found = Estimate(7200, (trial(1e6), trial(3e6)), ())
+    found = Estimate(7200, (trial(1e6), trial(3e6)))
     assert found.core_hours == pytest.approx(2 * (3.5 + 4))
     # a thousand plots of 35.3 million points: the sensors' seconds by the point, the rest by the plot
     assert found.boreal_hours == pytest.approx((35.3e9 * 14 / 4e6 + 1000 * 0.5) / 3600)
@@ -612,7 +612,7 @@ def test_trials_by_cost_tell_the_whole_and_its_interval_holds(kind):
         seconds, guessed = dataset(kind, rng)
         rows, weights = by_cost(guessed[(order := rng.permutation(300))], 5)
         trials = tuple(Trial({"sensors": s}, 1.0, 1.0) for s in seconds[order][rows].tolist())
-        found = Estimate(300, trials, (), tuple(weights.tolist()))
+        found = Estimate(300, trials, tuple(weights.tolist()))
         ratio.append(found.core_hours * 3600 / seconds.sum())
         low, high = found.interval
         held += low <= seconds.sum() / 3600 <= high
@@ -625,5 +625,5 @@ def test_few_scenes_are_all_tried():
     rows, weights = by_cost(np.array([3.0, 1.0, 9.0]), 5)
     assert rows.tolist() == [0, 1, 2]
     assert weights.tolist() == [1.0, 1.0, 1.0]
-    whole = Estimate(3, (trial(1e6),) * 3, (), tuple(weights.tolist()))
+    whole = Estimate(3, (trial(1e6),) * 3, tuple(weights.tolist()))
     assert whole.interval == (whole.core_hours, whole.core_hours)

@@ -10,7 +10,7 @@ from references.rays import BruteCaster
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
-from forest_addon.results.echo_files import write_echo
+from forest_addon.results.sonar import write_echo
 from forest_addon.sensing.moving import MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.exact import ExactCaster

@@ -23,9 +23,9 @@ from forest_addon.blender.scene.layout import CLOUD_KEY, RADIUS
 from forest_addon.blender.scene.nodes import has_input, set_input
 from forest_addon.blender.show.cloud_nodes import GROUP
 from forest_addon.formats.wav import read_wav
-from forest_addon.results.dry_sounds import PEAK_DB, dry_sound
 from forest_addon.results.kinds import RESULTS
 from forest_addon.results.points import ENDINGS, POINT, can_write
+from forest_addon.results.reverb import PEAK_DB, dry_sound
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.channels import channels_of
 from forest_addon.ui.results import finding, panel
