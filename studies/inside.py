@@ -152,7 +152,7 @@ INSIDE = {
     "beam_areas": "forest_addon.sensing.lidar.tractor:beam_areas",
     "Hits": "forest_addon.sensing.rays.caster:Hits",
     "RayCaster": "forest_addon.sensing.rays.caster:RayCaster",
-    "cast_exactly": "forest_addon.sensing.rays.exact:cast_exactly",
+    "ExactCaster": "forest_addon.sensing.rays.exact:ExactCaster",
     "SceneGeometry": "forest_addon.sensing.rays.geometry:SceneGeometry",
     "apply_transform": "forest_addon.sensing.rays.geometry:apply_transform",
     "MovingScene": "forest_addon.sensing.moving:MovingScene",

@@ -128,9 +128,10 @@ def metres_of(crs: str, otherwise: float = 1.0) -> tuple[float, float]:
     known = _known(crs)
     axes = known.axis_info
     if not axes or known.is_geographic or known.is_geocentric or "degree" in axes[0].unit_name:
-        how = "counts from the middle of the Earth" if known.is_geocentric else "is in degrees"
         raise SpecError(
-            "crs", f'"{short(crs)}" {how}, not in metres on a map; take {nearest_metric(crs)}'
+            "crs",
+            f'"{short(crs)}" is in degrees, or counts from the middle of the Earth, and not in metres on a '
+            f"map; take {nearest_metric(crs)}",
         )
     flat = axes[0].unit_conversion_factor
     return flat, axes[2].unit_conversion_factor if len(axes) > 2 else flat

@@ -29,7 +29,6 @@ Found = TypeVar("Found")
 StrPath = str | os.PathLike[str]
 LONGEST = 160  # characters of another program's words
 MOST = 4_000_000_000  # bytes of a file
-STREAM = 0x7FFFF000  # bytes that a WAV of unknown length counts, at least
 PACKED = 300  # points of a LAZ over those that its bytes would hold unpacked
 HEAD = 100_000  # bytes in which a PLY says what it holds
 SIZES = {  # bytes of PLY's types
@@ -230,7 +229,7 @@ def _claims_of_wav(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
         file.seek(at)
         name, length = struct.unpack(">4sI" if head[:4] == b"RIFX" else "<4sI", file.read(8))
         at += 8 if name == b"data" else 8 + length + length % 2
-    return (length if name == b"data" and length < STREAM else 0), max(size - at, 0)
+    return (length if name == b"data" and length < 0x7FFFF000 else 0), max(size - at, 0)
 
 
 def _claims_of_ply(path: Path, head: bytes) -> int:

@@ -85,8 +85,12 @@ class Keeper:
         line = {"file": place.relative_to(record.parent).as_posix(), **said}
         if line in self._lines_of(record):
             return
-        with open(record, "a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
+        text = f"{json.dumps(line)}\n".encode()
+        with open(record, "ab", buffering=0) as file:
+            end = file.seek(0, os.SEEK_END)
+            if file.write(text) < len(text):  # half a line would be no record
+                file.truncate(end)
+                raise OSError(f"{record} could not be written; is the disk full?")
 
     def remove_others(self) -> list[str]:
         """Remove what this command left in its folder before and did not write this time."""

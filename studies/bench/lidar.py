@@ -41,6 +41,7 @@ from ..inside import (
     WOOD,
     BvhCaster,
     EmbreeCaster,
+    ExactCaster,
     Hits,
     Kind,
     MovingCaster,
@@ -53,7 +54,6 @@ from ..inside import (
     Search,
     ShapePath,
     beam_areas,
-    cast_exactly,
     drive,
     embree_motion,
     find_species,
@@ -143,7 +143,7 @@ def rays_through(scene: SceneGeometry, count: int, kind: str) -> tuple[np.ndarra
 
 def against_brute_force(caster: RayCaster, origins: np.ndarray, ways: np.ndarray) -> Callable:
     """Error of a caster's rays (R, 3) in words, when it is asked for."""
-    truth = cast_exactly(caster.scene, origins, ways)
+    truth = ExactCaster(caster.scene).cast(origins, ways)
 
     def error(_: object) -> str:
         found = caster.cast(origins, ways)
@@ -250,9 +250,8 @@ def _error(caster: MovingCaster, motion: SceneMotion) -> str:
         if shape is not None:  # all that bend do alike
             every = np.arange(len(body.vertices))[None]
             meshes.append(replace(body, vertices=shape.at(every, time[row, None])[0]))
-        truth = cast_exactly(
-            _scene(tuple(meshes), now, len(motion.shapes)), origins[:1], ways[row, None]
-        )
+        there = _scene(tuple(meshes), now, len(motion.shapes))
+        truth = ExactCaster(there).cast(origins[:1], ways[row, None])
         same = truth.instance[0] == found.instance[row]
         worst = max(worst, abs(truth.distance[0] - found.distance[row]) if same else np.inf)
     return f"{worst:.0e} m"

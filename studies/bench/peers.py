@@ -24,11 +24,11 @@ from mathutils.bvhtree import BVHTree
 from ..inside import (
     BvhCaster,
     EmbreeCaster,
+    ExactCaster,
     Say,
     SceneGeometry,
     Search,
     apply_transform,
-    cast_exactly,
     environment_of_child,
 )
 from ..tables import table
@@ -163,7 +163,7 @@ def _error(scene: SceneGeometry, origin: np.ndarray, points: np.ndarray) -> str:
     """Median and largest error of the distance of some points, of those whose ray meets something."""
     some = points[:: max(1, len(points) // CHECKED)].astype(np.float64)
     away = some - origin
-    exact = cast_exactly(scene, np.broadcast_to(origin, away.shape), away)
+    exact = ExactCaster(scene).cast(np.broadcast_to(origin, away.shape), away)
     error = np.abs(np.linalg.norm(away, axis=1) - exact.distance)[exact.found]
     return f"{np.median(error):.0e} m, at most {error.max(initial=0.0):.0e}; {len(points):,} points"
 

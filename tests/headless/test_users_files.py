@@ -603,6 +603,23 @@ def test_a_lock_that_cannot_be_written_is_not_left(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_record_that_grew_by_half_a_line_is_none(tmp_path):
+    """A full disk takes a part of what is written; the next command reads the record again."""
+    before, usual = tmp_path / RECORD, resource.getrlimit(resource.RLIMIT_FSIZE)
+    with keeping(Keeper(tmp_path, "run")):
+        atomic.write_whole(tmp_path / "a.txt", "x")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before.stat().st_size + 9, usual[1]))
+        try:
+            with pytest.raises(OSError, match="is the disk full"):
+                atomic.write_whole(tmp_path / "b.txt", "x")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    with keeping(Keeper(tmp_path, "run")):
+        for name in ("a.txt", "b.txt"):
+            atomic.write_whole(tmp_path / name, "y")
+    assert sorted(files(tmp_path)) == [RECORD, "a.txt", "b.txt"]
+
+
 def test_a_name_as_long_as_the_system_allows_can_be_written(tmp_path):
     for letter in "aü":
         longest = tmp_path / f"{letter * (251 // len(letter.encode()))}.csv"

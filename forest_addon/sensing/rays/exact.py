@@ -109,11 +109,6 @@ class ExactCaster(RayCaster):
         return np.concatenate(rays), Hits.joined(all_hits)
 
 
-def cast_exactly(scene: SceneGeometry, origins: np.ndarray, directions: np.ndarray) -> Hits:
-    """The closest hits of rays (R, 3), (R, 3)."""
-    return ExactCaster(scene).cast(origins, directions)
-
-
 def counting(hits: Hits, near: np.ndarray, far: np.ndarray, left: Hits | None) -> np.ndarray:
     """Rows of hits that count, of rays with these limits and what they leave."""
     counts = (hits.distance >= near) & (hits.distance <= far) & np.isfinite(hits.distance)

@@ -16,7 +16,7 @@ from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.sensing.moving import MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.caster import hit_normals
-from forest_addon.sensing.rays.exact import ExactCaster, cast_exactly
+from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.paths import SceneMotion
 from forest_addon.sensing.trajectory import along, through
@@ -316,7 +316,7 @@ def test_rays_meet_parts_where_their_steps_have_taken_them() -> None:
         for part, path in motion.paths.items():
             places[part] = path.at(time[[row]])[0]
         still = replace(scene, transform=places)
-        one = cast_exactly(still, origin[[row]], way[[row]])
+        one = ExactCaster(still).cast(origin[[row]], way[[row]])
         assert one.instance[0] == found.instance[row] or one.distance[0] > 20.0
         if found.found[row]:
             assert one.triangle[0] == found.triangle[row]
