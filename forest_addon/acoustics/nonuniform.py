@@ -56,7 +56,8 @@ DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 15  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
-TRANSFORM = 0.7  # of the time of an amplitude, that of a bin of a transform
+TRANSFORM = 1.5  # of the time of an amplitude, that of a bin of a transform
+LEVEL = 1 << 13  # amplitudes that take as long as all else of a number of nodes
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,7 @@ def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
     used = np.flatnonzero(echoes[:-1]).tolist()
     for here, following in pairwise(used):
         more = levels[following] - levels[here]
-        if echoes[here] * more < TRANSFORM * count * levels[here]:
+        if echoes[here] * more < TRANSFORM * count * levels[here] + LEVEL:
             echoes[following] += echoes[here]
             raised[raised == here] = following
     return np.asarray(np.append(levels, 0)[raised[level]])
@@ -285,7 +286,9 @@ class _Task:
             grid = DelayGrid(self.count, nodes, width, block.stop - block.start)
             for begin in range(0, len(rows), step):
                 some = rows[begin : begin + step]
-                delay, weights = self.delay.take(some), self._weights.take(some, 0)[:, block]
+                delay = self.delay.take(some)
+                weights = self._weights  # of one sum all are 1
+                weights = weights[: len(some)] if self._one else weights.take(some, 0)[:, block]
                 places = delay * self._spacing, delay * self._middle
                 largest = grid.add(*places, self.values(nodes, some), weights)
                 if block.start == 0:

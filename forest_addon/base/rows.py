@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import Field, dataclass, fields
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -13,17 +13,17 @@ class RowTable:
     """Base of dataclasses whose fields are arrays with a row each, or tables of as many rows; what is
     neither belongs to the whole table."""
 
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    __match_args__: ClassVar[tuple[str, ...]]  # names of the fields
 
     def __len__(self) -> int:
-        return len(getattr(self, fields(self)[0].name))
+        return len(getattr(self, self.__match_args__[0]))
 
     def select(self, rows: np.ndarray | slice) -> Self:
         """Rows of every column, by number, mask or slice."""
         if isinstance(rows, np.ndarray) and rows.dtype == bool:
             rows = np.flatnonzero(rows)
         kept = {}
-        for name in (field.name for field in fields(self)):
+        for name in self.__match_args__:
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
                 # Taken in half the time of indexing.
@@ -39,7 +39,7 @@ class RowTable:
         if len(parts) == 1:
             return parts[0]
         columns = {}
-        for name in (field.name for field in fields(cls)):
+        for name in cls.__match_args__:
             value = getattr(parts[0], name)
             if isinstance(value, np.ndarray):
                 value = np.concatenate([getattr(part, name) for part in parts])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -119,13 +120,13 @@ class Call:
 
     def spectrum(self, frequency: np.ndarray) -> np.ndarray:
         """(K,) complex Σ x_n e^{-i2πfn/rate}, by the chirp z-transform on an even grid."""
-        from scipy.signal import zoom_fft
-
         if len(frequency) < 2:
             steps = np.outer(frequency, np.arange(len(self.samples)) / self.sample_rate)
             return np.exp(-2j * math.pi * steps) @ self.samples
-        ends = [float(frequency[0]), float(frequency[-1])]
-        return zoom_fft(self.samples, ends, m=len(frequency), fs=self.sample_rate, endpoint=True)
+        ends = float(frequency[0]), float(frequency[-1])
+        return _zoomed(
+            self.samples.astype(np.float64).tobytes(), self.sample_rate, ends, len(frequency)
+        )
 
     def spectra_on(
         self, start: float, spacing: float, count: int, factors: np.ndarray, lead: float = 0.0
@@ -144,6 +145,14 @@ class Call:
         spectra: np.ndarray = summed[:, len(place) - 1 : len(place) - 1 + count]
         spectra *= _turned(step * bins**2 / 2) / factors[:, None]
         return spectra
+
+
+@lru_cache(maxsize=16)
+def _zoomed(samples: bytes, rate: float, ends: tuple[float, float], count: int) -> np.ndarray:
+    """(K,) spectrum of samples (N,) float64; kept, since a call is the same from ping to ping."""
+    from scipy.signal import zoom_fft
+
+    return zoom_fft(np.frombuffer(samples), ends, m=count, fs=rate, endpoint=True)
 
 
 def _turned(turns: np.ndarray) -> np.ndarray:

@@ -252,9 +252,10 @@ class LeafEchoes(Scatterers):
         return int(np.count_nonzero(self.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
 
     def count_doubtful(self, point: np.ndarray, wavenumber: float) -> int:
-        large = wavenumber * self.radius > HANDOVER
-        grazing = self.incidence(point) > GRAZING
-        return int(np.count_nonzero(large & grazing)) if self.model == "exact" else 0
+        if self.model != "exact":
+            return 0
+        large = self.select(wavenumber * self.radius > HANDOVER)
+        return int(np.count_nonzero(large.incidence(point) > GRAZING))
 
     def seen(self, point: np.ndarray) -> Strength:
         return DiscStrength(self.radius, self.incidence(point), self.nearness, self.model)
@@ -332,7 +333,8 @@ class NearFaces(Rims):
     kind: ClassVar[str] = LEAF
 
     def count(self, instance: np.ndarray, some: np.ndarray) -> int:
-        return len(np.unique(np.stack([instance[some], self.number[some]]), axis=1).T)
+        discs = instance * (self.number.max(initial=0) + 1) + self.number
+        return len(distinct(discs[some]))
 
     def count_close(self, instance: np.ndarray) -> int:
         return self.count(instance, self.close)

@@ -263,7 +263,7 @@ class _Finder:
 class EarAmplitudes:
     """Amplitudes A of M echoes of a group at one ear: scattering times what beams, way, air and shade leave.
 
-    whole : all of the group, as one part.
+    strength : of the group, towards half way between mouth and ear.
     """
 
     def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
@@ -278,7 +278,7 @@ class EarAmplitudes:
         self._level = group.shade * np.exp(steady) / (paths.distance * leg)
         self._beams = [beams[end] for end in terms]
         self._terms = np.concatenate([*terms.values(), -self.length[None]])
-        self.whole = group.scatterers.seen((station.point + station.ear[ear]) / 2).whole()
+        self.strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
 
     def _basis(self, frequency: np.ndarray) -> np.ndarray:
         beams = [beam.basis(frequency) for beam in self._beams]
@@ -288,9 +288,11 @@ class EarAmplitudes:
         """(Q, M) of all."""
         return np.exp(np.einsum("dq,dm->qm", self._basis(frequency), self._terms)) * self._level
 
-    def of(self, parts: StrengthParts, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    def of(
+        self, parts: StrengthParts, frequency: np.ndarray, rows: np.ndarray | slice
+    ) -> np.ndarray:
         """(Q, m) complex A of some rows of parts at frequencies (Q,)."""
-        some, turns = parts.rows.take(rows), 2.0 * np.pi * frequency
+        some, turns = parts.rows[rows], 2.0 * np.pi * frequency
         amplitude = parts.strength.select(rows).amplitude(turns / self._station.sound_speed)
         basis = self._basis(frequency)
         library = kernels.library()
@@ -315,7 +317,7 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     heard = EarAmplitudes(group, station, 0)
-    return np.asarray(weight @ np.abs(heard.of(heard.whole, frequency, np.arange(len(group)))))
+    return np.asarray(weight @ np.abs(heard.of(heard.strength.whole(), frequency, slice(None))))
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:

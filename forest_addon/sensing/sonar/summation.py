@@ -101,13 +101,13 @@ def _over(
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
             heard = EarAmplitudes(group, station, ear)
-            doubtful = heard.whole.strength.error(highest)
+            doubtful = heard.strength.error(highest)
             if doubtful is not None:
                 table[ear] += float((heard.gain(np.array(band[:1]))[0] * doubtful).sum())
-            loud, parts = group.bound * group.shade, heard.whole
-            if tolerance > 0 and lowest < highest:
-                parts = heard.whole.strength.parts(lowest, highest)
-            rows = parts.rows
+            smooth = tolerance > 0 and lowest < highest
+            strength = heard.strength
+            parts = strength.parts(lowest, highest) if smooth else strength.whole()
+            loud, rows = group.bound * group.shade, parts.rows
             delayed = sum_delayed(
                 partial(heard.of, parts),
                 (heard.length[rows] + parts.offset) / station.sound_speed,
