@@ -286,9 +286,7 @@ class _Task:
             grid = DelayGrid(self.count, nodes, width, block.stop - block.start)
             for begin in range(0, len(rows), step):
                 some = rows[begin : begin + step]
-                delay = self.delay.take(some)
-                weights = self._weights  # of one sum all are 1
-                weights = weights[: len(some)] if self._one else weights.take(some, 0)[:, block]
+                delay, weights = self.delay.take(some), self._weights.take(some, 0)[:, block]
                 places = delay * self._spacing, delay * self._middle
                 largest = grid.add(*places, self.values(nodes, some), weights)
                 if block.start == 0:

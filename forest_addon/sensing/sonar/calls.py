@@ -40,8 +40,7 @@ class Band:
         if self.low == self.high:
             return np.ones(len(frequency))
         share = np.clip((frequency - self.low) / (self.high - self.low), 0.0, 1.0)
-        turn = 2.0 * math.pi * share
-        return 0.5 - 0.5 * np.cos(turn)
+        return np.asarray(0.5 - 0.5 * np.cos(2.0 * math.pi * share))
 
 
 @dataclass(frozen=True)

@@ -252,9 +252,7 @@ class LeafEchoes(Scatterers):
         return int(np.count_nonzero(self.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
 
     def count_doubtful(self, point: np.ndarray, wavenumber: float) -> int:
-        if self.model != "exact":
-            return 0
-        large = self.select(wavenumber * self.radius > HANDOVER)
+        large = self.select((self.model == "exact") & (wavenumber * self.radius > HANDOVER))
         return int(np.count_nonzero(large.incidence(point) > GRAZING))
 
     def seen(self, point: np.ndarray) -> Strength:
@@ -333,8 +331,7 @@ class NearFaces(Rims):
     kind: ClassVar[str] = LEAF
 
     def count(self, instance: np.ndarray, some: np.ndarray) -> int:
-        discs = instance * (self.number.max(initial=0) + 1) + self.number
-        return len(distinct(discs[some]))
+        return len(distinct((instance * (self.number.max(initial=0) + 1) + self.number)[some]))
 
     def count_close(self, instance: np.ndarray) -> int:
         return self.count(instance, self.close)

@@ -55,8 +55,8 @@ class Strength(RowTable, ABC):
 
     def whole(self) -> StrengthParts:
         """Each as one part."""
-        count = len(self.reach(1.0))
-        return StrengthParts(np.arange(count), np.zeros(count), np.ones(count), self)
+        rows, late, share = np.arange(len(self)), np.zeros(len(self)), np.ones(len(self))
+        return StrengthParts(rows, late, share, self)
 
 
 SIDES = np.array([0, -1, 1], np.int8)  # of what is alone, of the first and the second of a pair

@@ -92,9 +92,8 @@ def search(
     shade : (M,) of a group, what is left of its pressure by what stands before it; None: all.
     latest : seconds; later echoes are cut.
     """
-    lowest, highest = station.wavenumbers
     sonar = station.sonar
-    blocks, far = targets.candidates(sonar, station.point, lowest, highest)
+    blocks, far = targets.candidates(sonar, station.point, *station.wavenumbers)
     bound = station.ceiling(blocks)
     order = np.argsort(-bound, kind="stable")
     order = order[: np.count_nonzero(bound)]
@@ -234,8 +233,7 @@ class _Finder:
         """
         bounds = np.concatenate([group.bound for group in self._groups] or [np.empty(0)])
         ascending = np.sort(bounds)
-        sums = np.cumsum(ascending)
-        dropped = int(np.searchsorted(sums, budget - shut, side="right"))
+        dropped = int(np.searchsorted(np.cumsum(ascending), budget - shut, side="right"))
         limit = ascending[dropped] if dropped < len(bounds) else np.inf
         kept, left_out, hidden = [], 0.0, 0
         for number in range(len(self._groups)):

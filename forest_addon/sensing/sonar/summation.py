@@ -104,10 +104,10 @@ def _over(
             doubtful = heard.strength.error(highest)
             if doubtful is not None:
                 table[ear] += float((heard.gain(np.array(band[:1]))[0] * doubtful).sum())
+            loud, strength = group.bound * group.shade, heard.strength
             smooth = tolerance > 0 and lowest < highest
-            strength = heard.strength
             parts = strength.parts(lowest, highest) if smooth else strength.whole()
-            loud, rows = group.bound * group.shade, parts.rows
+            rows = parts.rows
             delayed = sum_delayed(
                 partial(heard.of, parts),
                 (heard.length[rows] + parts.offset) / station.sound_speed,
@@ -126,9 +126,8 @@ def _over(
             done += len(group)
             if progress:
                 progress(done, total)
-    known = size > 0
     bound, looked_up = (
-        float(np.divide(part, size, out=np.zeros_like(size), where=known).max(initial=0.0))
+        float(np.divide(part, size, out=np.zeros_like(size), where=size > 0).max(initial=0.0))
         for part in (error, table)
     )
     return EchoSum(spectrum, bound, looked_up, size)
