@@ -61,7 +61,7 @@ from .measured import (
 )
 from .plan import Stand, labels, plan_field, plan_stand
 
-MOST_KEPT = 500_000_000  # bytes
+MOST_KEPT = 1_000_000_000  # bytes
 Key = tuple[Any, ...]
 # Each with what it was made with, which its key tells it by.
 TreesBefore = LastAsked[Key, tuple[Tree, object]]
