@@ -140,9 +140,15 @@ def tree_truth(tree: Tree) -> dict[str, float]:
     edges, density = leaf_angles(tree.leaves)
     middle = (edges[1:] + edges[:-1]) / 2
     told = (
-        *(tree.height, dbh_of(tree.skeleton), base, width),
-        *(wood.volume, wood.area, wood.projected),
-        *(float(len(tree.leaves)), float(np.pi * (tree.leaves.radius**2).sum())),
+        tree.height,
+        dbh_of(tree.skeleton),
+        base,
+        width,
+        wood.volume,
+        wood.area,
+        wood.projected,
+        float(len(tree.leaves)),
+        float(np.pi * (tree.leaves.radius**2).sum()),
         float(np.rad2deg((density * middle).sum() * edges[1])),
     )
     return dict(zip(MEASURES, told, strict=True))

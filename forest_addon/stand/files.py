@@ -201,7 +201,11 @@ def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
         pixels = raster.pixels
         refuse_pixels(
             np.isnan(pixels) if raster.transform is None else np.isinf(pixels),
-            *(pixels, low, size, ground.file, "a height"),
+            pixels,
+            low,
+            size,
+            ground.file,
+            "a height",
         )
         if raster.transform is None:
             unit = METRES.get(ground.unit, 1.0)
@@ -327,7 +331,10 @@ def _on_map_or_not(vertices: np.ndarray, scene: spec.Scene, file: str) -> tuple[
         if ((low <= middle) & (high >= middle)).all():
             return vertices - shift, f"{file} is a surface, read at {words} coordinates in metres"
     _refuse_elsewhere(
-        *("forest.terrain.file", file, scene, (low, high)),
+        "forest.terrain.file",
+        file,
+        scene,
+        (low, high),
         lambda place: ((place >= low) & (place <= high)).all(axis=1),
     )
     return vertices, file

@@ -529,8 +529,7 @@ def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
         length, radius = wood.length * size, equal_radius(wood.radius) * size
         tables.append(
             cylinder_columns(
-                *(int(stand.id[number]), tied[key], (start, end)),
-                *(wood.radius * size, radius, length),
+                int(stand.id[number]), tied[key], (start, end), wood.radius * size, radius, length
             )
         )
     return stacked(tables)

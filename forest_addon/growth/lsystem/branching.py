@@ -325,9 +325,7 @@ def grow_honda(honda: Honda, leaf: Leaf, key: int) -> tuple[Skeleton, LeafSites]
             1 + (honda.tip - 1) * np.arange(honda.pieces + 1) / honda.pieces
         )
         skeletons.append(
-            Skeleton.of_chains(
-                *(chains.node, radius, here.parent, here.order, here.generation), drawn
-            )
+            Skeleton.of_chains(chains.node, radius, here.parent, here.order, here.generation, drawn)
         )
         drawn += len(skeletons[-1])
         if leaf.on and level > levels - honda.leaf_levels:

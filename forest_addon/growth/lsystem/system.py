@@ -187,14 +187,16 @@ class GrammarError(ValueError):
 
 @dataclass(frozen=True)
 class Notation:
-    """Notation of strings: whether ``(`` opens numbers, and the letters that bear a tag.
+    """Notation of strings: whether ``(`` opens numbers, the letters that bear a tag, and what letters mean.
 
     tagged : a letter of these followed by ``n`` is given the generation in which it is made: ``In``
         stands for I(n) and is printed I01, I02, ... (Méndez et al.).
+    symbols : commands of the turtle, as ``F(l) = draw(l)``; none where it does not walk.
     """
 
     parametric: bool = True
     tagged: str = ""
+    symbols: tuple[str, ...] = ()
 
 
 @dataclass
@@ -448,8 +450,7 @@ def _read_production(
         raise GrammarError(f"its probability {likely:g} must be larger than 0 and at most 1")
     expressions = tuple(number for _, given in modules for number in given)
     rule = Production(
-        *(tuple(parameters), np.array(codes, np.uint8), expressions),
-        *(text, condition.strip(), likely),
+        tuple(parameters), np.array(codes, np.uint8), expressions, text, condition.strip(), likely
     )
     return alphabet.code(symbol, len(parameters)), rule
 

@@ -88,17 +88,8 @@ ROUNDING = 1e-9  # of a segment's length: less than this is not a descent but ro
 MAX_WALKED = 10_000_000  # symbols; a tree needs about 150 bytes a symbol
 
 
-@dataclass(frozen=True)
-class Dialect:
-    """Dialect of an L-system: the notation of strings and the meaning of their symbols."""
-
-    notation: Notation
-    symbols: tuple[str, ...]
-
-
-ABOP = Dialect(
-    Notation(),
-    (
+ABOP = Notation(
+    symbols=(
         *("F = draw(length)", "F(l) = draw(l)", "f = move(length)", "f(l) = move(l)"),
         *("+ = turn(angle)", "+(a) = turn(a)", "- = turn(-angle)", "-(a) = turn(-a)"),
         *("& = pitch(angle)", "&(a) = pitch(a)", "^ = pitch(-angle)", "^(a) = pitch(-a)"),
@@ -108,9 +99,9 @@ ABOP = Dialect(
         *("[ = branch", "] = end", "{ = outline", "} = close"),
     ),
 )
-SIMLIDAR = Dialect(
-    Notation(tagged="I"),
-    (
+SIMLIDAR = Notation(
+    tagged="I",
+    symbols=(
         "I(n) = draw(h0 / 2^(n - 1), N * dm / n)",
         *("+ = pitch(angle)", "- = pitch(-angle)", "T = turn(rotation)", "t = turn(-rotation)"),
         *("F = leaf", "[ = branch", "] = end"),
@@ -322,8 +313,7 @@ def walk(
     kind, number, outline = steps.kind, steps.number, steps.outline
     drawn = (kind == DRAW) & (outline < 0)
     skeleton, turn, place, last = _states(
-        *(steps, drawn, before, branch, diameter),
-        *(np.asarray(tropism, np.float64), elasticity),
+        steps, drawn, before, branch, diameter, np.asarray(tropism, np.float64), elasticity
     )
     bears = (kind == LEAF) & (outline < 0)
     outlines, begins = np.unique(outline, return_index=True)
@@ -491,7 +481,7 @@ def system_of(rules: Rules) -> System:
     GrammarError : they cannot be read; says where.
     """
     constants = {"N": float(rules.generations), **read_constants(rules.constants)}
-    return read_system(rules.axiom, rules.productions, constants, DIALECTS[rules.dialect].notation)
+    return read_system(rules.axiom, rules.productions, constants, DIALECTS[rules.dialect])
 
 
 def grow_ruled(
@@ -503,7 +493,10 @@ def grow_ruled(
     """
     word = rewrite(system_of(rules), rules.generations, rng, MAX_WALKED)
     skeleton, leaves = walk(
-        *(_commands(rules, word), rules.diameter, rules.tropism, rules.elasticity),
+        _commands(rules, word),
+        rules.diameter,
+        rules.tropism,
+        rules.elasticity,
         rules.prune_descending,
     )
     scaled = replace(

@@ -648,8 +648,14 @@ def _tubes(line: Line, relief: Relief | None) -> TriMesh:
         metres, turn = rings.metres[low:high], turns[rings.axis[low:high][wall]]
         above = np.minimum(wall + 1, size - 1)
         _texture(
-            *(texture[t:stop], n, turn, metres[wall], metres[above]),
-            *(turns[a:b], metres[feet], metres[tips]),
+            texture[t:stop],
+            n,
+            turn,
+            metres[wall],
+            metres[above],
+            turns[a:b],
+            metres[feet],
+            metres[tips],
         )
         v, t = middle + 2 * tubes, stop
 

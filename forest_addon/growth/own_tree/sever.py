@@ -395,7 +395,11 @@ def close(
     half, child, beyond = halves[rim, 0], child[rim], beyond[rim]
     a, b = triangles[half // 3, half % 3], triangles[half // 3, (half + 1) % 3]
     foot_rim = _nearest_rim(
-        *(pieces.vertices, a, b, child, beyond == axes.parent[child]),
+        pieces.vertices,
+        a,
+        b,
+        child,
+        beyond == axes.parent[child],
         slices.centre[np.maximum(axes.fork, 0)],
     )
     a, b, child = a[foot_rim], b[foot_rim], child[foot_rim]

@@ -351,7 +351,9 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown
     sideways = np.stack([np.cos(bearing), np.sin(bearing)], axis=1) * seat.away[:, None]
     scale = np.full(len(piece), size.stem)
     return _lay(
-        *(habit, variety, 0),
+        habit,
+        variety,
+        order=0,
         piece=piece,
         parent=np.full(len(piece), -1),
         sign=sign,
@@ -410,7 +412,9 @@ def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int
     most = thickness * np.maximum(THICKEST, stout / radius) / stout
     base = np.minimum(scale, most)
     return _lay(
-        *(habit, variety, order),
+        habit,
+        variety,
+        order=order,
         piece=piece,
         parent=owner,
         sign=below.sign[owner] * _signs(key, variety),
