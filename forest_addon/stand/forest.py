@@ -49,6 +49,7 @@ from ..spec.choices import idle, idle_in_scene, idle_in_species
 from .compose import Inputs
 from .intensity.surface import sink
 from .measured import (
+    COLUMNS,
     MeasuredTrees,
     TargetsMet,
     dbh_at,
@@ -434,18 +435,15 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
     table |= _measures(told, factor, own | {"leaves": [int(row["leaves"]) for row in told]})
     if forest.wanted is not None:
         for column, name in enumerate(TARGETS):
-            unit = "m2" if name == "leaf_area" else "m"
-            values = forest.wanted[:, column]
-            table[f"target_{name}_{unit}"] = ["" if np.isnan(v) else float(v) for v in values]
+            values = forest.wanted[:, column].tolist()
+            table[f"target_{COLUMNS[name]}"] = ["" if np.isnan(v) else v for v in values]
         measured = found_in(table)
-        band: list[object] = [""] * len(measured)
+        band = np.full(len(measured), "", dtype=object)
         for planting, law in enumerate(forest.laws):
             rows = np.flatnonzero(stand.species == planting)
-            if law is not None and len(rows):
-                inside = in_band(law, measured[rows]).all(axis=1)
-                for row, value in zip(rows, inside.tolist(), strict=True):
-                    band[row] = int(value)
-        table["in_band"] = band
+            if law is not None:
+                band[rows] = in_band(law, measured[rows]).all(axis=1).astype(int)
+        table["in_band"] = band.tolist()
         table["not_met"] = list(not_met(forest.wanted, measured))
     return table
 
