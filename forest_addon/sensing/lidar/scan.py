@@ -159,15 +159,12 @@ class Scan:
         return direct if self._halo is None else self._halo.added(self.caster, pulses, keys, direct)
 
     def _direct(self, pulses: Pulses, keys: np.ndarray) -> Received:
-        rays, when = self._rays(pulses, keys), pulses.time
-        count = self._subrays
-        if count > 1:
-            when = np.repeat(when, count)
-            some = np.tile(np.arange(count), len(keys))
-            keys = np.repeat(keys, count)
-            keys = child_keys(keys, some) if self._by_chance else keys
-        contacts = self._met(rays, keys, None if self._moving is None else when)
-        return self._received(rays, contacts, when)
+        rays, count = self._rays(pulses, keys), self._subrays
+        when = None if self._moving is None else np.repeat(pulses.time, count)
+        of_rays = np.repeat(keys, count)
+        if count > 1 and self._by_chance:
+            of_rays = child_keys(of_rays, np.tile(np.arange(count), len(keys)))
+        return self._received(rays, self._met(rays, of_rays, when))
 
     def _rays(self, pulses: Pulses, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return origins and directions of the rays of pulses with these keys, pulse by pulse."""
@@ -234,10 +231,8 @@ class Scan:
             lost = (Lost(first, first + 1, why),)
             return replace(self.look_at(number[:0]), pulses=1, lost=lost)
 
-    def _received(
-        self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts, time: np.ndarray
-    ) -> Received:
-        """Return the echoes of the light that comes back to origins and directions of rays, sent at times."""
+    def _received(self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts) -> Received:
+        """Return the echoes of the light that comes back to origins and directions of rays."""
         scanner, scene, hits, sight = self.scanner, self.caster.scene, contacts.hits, contacts.sight
         line, lines, bounce = contacts.ray, rays, np.zeros(len(contacts.ray), dtype=np.int8)
         if sight is not None:
