@@ -185,9 +185,8 @@ class _Panel:
         ends = 2.0 * math.pi / group.speed * self.frequency[[0, -1]]
         self.boxes = Boxes(group.paths, ends, group.allowed, group.bark)
         self.checks: list[Check] = []
-        loss = self._loss(self.frequency[[len(self.frequency) // 2]])
-        loud = group.loudness * np.exp(-2.0 * loss * (group.paths.length - group.nearest))
-        loud += 1e-300
+        loss = self.group.loss(self.frequency[[len(self.frequency) // 2]])
+        loud = group.loudness * np.exp(-2.0 * loss * (group.paths.length - group.nearest)) + 1e-300
         self.typical = float(
             np.average(group.paths.length, weights=loud)
         )  # m; air is taken off so far
@@ -206,7 +205,9 @@ class _Panel:
         values = self.boxes.table.at(z, slice(None, None, step))
         # what the air leaves of it, relative to the loudest trunks'
         farther = self.group.farther
-        left = np.exp(-np.outer(self._loss(tried), farther - self.typical)).astype(np.complex128)
+        left = np.exp(-np.outer(self.group.loss(tried), farther - self.typical)).astype(
+            np.complex128
+        )
         if self.group.gain is not None:
             left *= self.group.gain.at(tried, farther).T
             left /= np.sqrt(np.mean(np.abs(left) ** 2, axis=0))
@@ -228,23 +229,19 @@ class _Panel:
     def _wavenumber(self, frequency: np.ndarray) -> np.ndarray:
         return 2.0 * math.pi / self.group.speed * frequency
 
-    def _loss(self, frequency: np.ndarray) -> np.ndarray:
-        """Nepers per metre."""
-        return self.group.loss(frequency)
-
     def spectrum(self) -> np.ndarray:
         """(K,) of the bins."""
         group, count = self.group, len(self.frequency)
-        k, loss = self._wavenumber(self.nodes), self._loss(self.nodes)
+        k, loss = self._wavenumber(self.nodes), self.group.loss(self.nodes)
         level = self._wavenumber(self.frequency) ** 1.5
-        level *= np.exp(-self.typical * self._loss(self.frequency))
+        level *= np.exp(-self.typical * self.group.loss(self.frequency))
         grid = DelayGrid(count, len(k), group.kernel)
         checked = []
         for rows, heights in self.boxes.heights(k, self.shift):
             probed = np.flatnonzero(group.probed[rows])
             checked.append((rows[probed], heights[probed]))
             paths = group.paths.select(rows)
-            heights *= np.exp(-np.outer(paths.length - self.typical, loss))
+            heights *= np.exp(np.outer(self.typical - paths.length, loss))
             if group.gain is not None:
                 heights *= group.gain.at(self.nodes, paths.length)
             weight = paths.weight * paths.radius**2

@@ -124,8 +124,9 @@ def scattered_spectrum(
                 if gain is not None:
                     frequency = np.arange(bins.start, bins.stop) * spacing
                     carried *= gain(frequency[:, None], some.length)
-                nodes = carried @ scattered.T  # (B, Q)
-                spectrum[bins] += (panel.weights[first : first + count] * nodes).sum(axis=1)
+                # at every bin: half the work of sums at every node
+                heights = panel.weights[first : first + count] @ scattered.view(np.float64)
+                spectrum[bins] += np.einsum("bm,bm->b", carried, heights.view(np.complex128))
         done += len(some.length)
         if progress:
             progress(done, len(paths.length))
@@ -173,8 +174,10 @@ def _of_panel(some: TrunkPaths, panel: Panel, spacing: float, losses: Losses) ->
             count = min(BINS_AT_ONCE, panel.count - first)
             start = (panel.first + first) * spacing
             carried = delay_factors(start, spacing, count, path / speed)  # (B, M)
-            weights = panel.weights[first : first + count]
-            total[first : first + count] += (weights * (carried @ scattered.T)).sum(axis=1)
+            heights = panel.weights[first : first + count] @ scattered.view(np.float64)
+            total[first : first + count] += np.einsum(
+                "bm,bm->b", carried, heights.view(np.complex128)
+            )
     return total
 
 
