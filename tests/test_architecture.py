@@ -105,7 +105,7 @@ BUDGETS = {
     "forest_addon/growth": (7810, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1118, 13),
-    "forest_addon/sensing": (12594, 94),
+    "forest_addon/sensing": (12591, 94),
     "forest_addon/spec": (1329, 11),
     "forest_addon/stand": (3519, 15),
     "forest_addon/ui": (5290, 36),
