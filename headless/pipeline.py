@@ -586,13 +586,8 @@ def made_with(settings: Scene) -> dict[str, Any]:
 ROOM = (__package__ or "").removesuffix("headless") + "forest_addon."
 
 
-def name_of_record(kind: type) -> str:
-    """The name of a record, with its module."""
-    return f"{kind.__module__}:{kind.__qualname__}"
-
-
 def record_named(name: str) -> type:
-    """Return the record of such a name.
+    """Return the record of a name with its module, MODULE:NAME.
 
     Raises
     ------
@@ -647,7 +642,7 @@ class Unfinished:
         """Keep a result until the run is done."""
         self._folder.mkdir(exist_ok=True)
         with replacing(self._file(sensor), ours=True) as partial, open(partial, "wb") as stream:
-            write_values(stream, [result], name_of_record)
+            write_values(stream, [result], lambda kind: f"{kind.__module__}:{kind.__qualname__}")
 
     def drop(self) -> None:
         """Forget all of it: the run is done, or begins anew."""

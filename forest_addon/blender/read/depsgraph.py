@@ -366,16 +366,13 @@ def kept(depsgraph: bpy.types.Depsgraph, make: Callable[..., T], *settings: Hash
             handlers.append(forget)
         bpy.app.handlers.load_pre.append(close)
     view = (depsgraph.scene.session_uid, depsgraph.view_layer.name, depsgraph.mode)
-    key, said = (*view, make, *settings), _properties()
+    # what sensors heed among the custom properties of objects and materials
+    blocks = (*bpy.data.objects, *bpy.data.materials)
+    said = [(block.session_uid, *map(block.get, PROPERTIES)) for block in blocks]
+    key = (*view, make, *settings)
     if key not in _kept or _kept[key][0] != said:
         _kept[key] = said, make(depsgraph, *settings)
     return _kept[key][1]
-
-
-def _properties() -> list[tuple[Any, ...]]:
-    """Properties for sensors among the custom properties of objects and materials."""
-    blocks = (*bpy.data.objects, *bpy.data.materials)
-    return [(block.session_uid, *map(block.get, PROPERTIES)) for block in blocks]
 
 
 def forget(_scene: Any = None, depsgraph: Any = None, *_: Any) -> None:
