@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -77,7 +78,7 @@ class Tree:
     missed: tuple[str, ...] = ()
     relief: Relief | None = None
 
-    @property
+    @cached_property
     def height(self) -> float:
         """Metres from the ground to the highest point."""
         return float(self.mesh.vertices[:, 2].max(initial=0.0))

@@ -263,8 +263,10 @@ class MovingScene:
         for number in distinct(block[near]).tolist():
             rows = near[block[near] == number]
             start, way = origins[rows], ways[rows]
-            ends = start + enters[rows, None] * way, start + leaves[rows, None] * way
-            window = self.pieces.window(number, extents(*ends))
+            window = self.pieces.window(
+                number,
+                extents(start + enters[rows, None] * way, start + leaves[rows, None] * way),
+            )
             if len(window.piece):
                 yield rows, window
 
@@ -356,9 +358,16 @@ class CutTrees:
         block = np.floor(knot / SPAN).astype(np.int64)
         for number in distinct(block).tolist():
             rows = np.flatnonzero(block == number)
-            own, row = np.unique(piece[rows], return_inverse=True)
-            window = PieceWindow(number * SPAN, own, self._placed_in(own, number), self.boxes[:0])
-            at[rows], rate[rows] = window.at(row, knot[rows] - window.first)
+            own = distinct(piece[rows])
+            kept = self._windows.get(number)
+            window = (
+                kept[1]
+                if kept is not None and np.isin(own, kept[1].piece).all()
+                else PieceWindow(number * SPAN, own, self._placed_in(own, number), self.boxes[:0])
+            )
+            at[rows], rate[rows] = window.at(
+                np.searchsorted(window.piece, piece[rows]), knot[rows] - window.first
+            )
         return at, rate
 
     def _by_tree(self, piece: np.ndarray) -> list[np.ndarray]:
@@ -384,11 +393,14 @@ class CutTrees:
             room, window = self._windows[block]
             if (room[0] <= bundle[0]).all() and (bundle[1] <= room[1]).all():
                 return window
-            bundle = np.stack([np.minimum(bundle[0], room[0]), np.maximum(bundle[1], room[1])])
+            # As far again beyond the room as these rays go, since others of their block come next.
+            wider = np.stack([np.minimum(bundle[0], room[0]), np.maximum(bundle[1], room[1])])
+            bundle = 2 * wider - room
         bundle = bundle + np.array([[-AROUND], [AROUND]])  # for rays to come
         trees = np.flatnonzero(within(*self._ever, bundle))
-        ends = np.array([self._bounds_of(tree, block // EPOCH) for tree in trees.tolist()])
-        ends = ends.reshape(-1, 2, 3)
+        ends = np.array([self._bounds_of(tree, block // EPOCH) for tree in trees.tolist()]).reshape(
+            -1, 2, 3
+        )
         trees = trees[within(ends[:, 0], ends[:, 1], bundle)]
         piece = np.concatenate([np.empty(0, np.int64), *(self._trees[n] for n in trees)])
         places = self._placed_in(piece, block)

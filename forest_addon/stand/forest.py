@@ -140,8 +140,7 @@ class GrownForest:
 
     def heights(self) -> np.ndarray:
         """(N,) metres of every tree."""
-        own = {key: tree.height for key, tree in self.variants.items()}
-        return np.array([own[key] for key in self.keys]) * self.stand.scale
+        return np.array([self.variants[key].height for key in self.keys]) * self.stand.scale
 
     def transforms(self) -> np.ndarray:
         """(N, 3, 4) local to world of every tree: turned, scaled, moved, sunk."""

@@ -215,7 +215,9 @@ class EmbreeMotion:
         if index in self.still._of_mesh:
             return self.still._of_mesh[index]
         if index not in self._trees:
-            self._trees[index] = self._holder.mesh(self.moving.scene.meshes[index])
+            self._trees[index] = self._holder.mesh(
+                self._mesh(number), self.moving.scene.table.short(index)
+            )
         return self._trees[index]
 
     def _window(self, block: int, stretch: int) -> KeyedParts:

@@ -207,9 +207,9 @@ def rig_of(shape: SwayShape, within: float = WITHIN) -> SwayRig:
         fits.append(fit)
     for own, fit in zip(held, fits, strict=True):
         worst = max(worst, _off(points[own], moved[own], fit))
-    # (4, M, 3) of each piece to (M, 3, 4).
-    maps = np.array(fits).transpose(0, 2, 3, 1) / weight[:, None, None]
-    return SwayRig(group, maps, worst / most)
+    # (4, M, 3) of each piece to (M, 3, 4), mode by mode in memory, as sums over modes read them.
+    maps = np.ascontiguousarray(np.array(fits).transpose(2, 0, 3, 1) / weight[:, None, None, None])
+    return SwayRig(group, maps.swapaxes(0, 1), worst / most)
 
 
 def _samples(shape: SwayShape) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
