@@ -121,12 +121,12 @@ def seats_of(skeleton: Skeleton, leaves: Leaves) -> LeafSites:
     """Find where leaves are held: by the end of their axis that is nearer to the wood."""
     half = 0.5 * leaves.length[:, None] * leaves.axis
     ends = np.stack([leaves.centre - half, leaves.centre + half])
-    nearest_by_end = [_nearest(skeleton, end) for end in ends]
-    second = nearest_by_end[1][1] < nearest_by_end[0][1]
+    segment, away = (part.reshape(2, -1) for part in _nearest(skeleton, ends.reshape(-1, 3)))
+    second = away[1] < away[0]
     foot = np.where(second[:, None], ends[1], ends[0])
     axis = np.where(second[:, None], -leaves.axis, leaves.axis)
-    segment = np.where(second, nearest_by_end[1][0], nearest_by_end[0][0])
-    return LeafSites(foot, axis, leaves.normal, leaves.length, leaves.width, segment)
+    held = np.where(second, segment[1], segment[0])
+    return LeafSites(foot, axis, leaves.normal, leaves.length, leaves.width, held)
 
 
 def _nearest(skeleton: Skeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
