@@ -161,4 +161,7 @@ def join_edges(parts: Sequence[tuple[Edges | Callable[[], Edges], int]]) -> Edge
         of_corner.append(known.of_corner + np.int32(edge))
         vertex += vertices
         edge += len(known.ends)
-    return Edges(np.concatenate(ends), np.concatenate(of_corner))
+    return Edges(
+        np.concatenate(ends or [np.empty((0, 2), np.int32)]),
+        np.concatenate(of_corner or [np.empty((0, 3), np.int32)]),
+    )

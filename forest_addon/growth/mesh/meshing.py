@@ -25,7 +25,7 @@ way up. The foot of a stem runs out into roots. Every ring keeps its area: its r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -33,7 +33,7 @@ import numpy as np
 
 from ...base.rng import stream
 from ...base.runs import along_lines, numbered
-from ...base.trimesh import WOOD, Edges, TriMesh
+from ...base.trimesh import WOOD, Edges, TriMesh, join_edges
 from ...base.vectors import cross_rows, unit
 from ..draw import GOLDEN
 from ..skeleton import TOUCH, Axes, Skeleton, find_axes
@@ -430,12 +430,9 @@ STEP = 1e-12  # metres between two radii of a node from which it has two rings
 POINTED = 2e-5  # metres; a thinner tip is a point: float32 would flatten its ring
 
 
-def tube_edges(
-    n: int, vertex: int, edge: int, wall: np.ndarray, feet: np.ndarray, tips: np.ndarray, rings: int
-) -> Edges:
+def tube_edges(n: int, wall: np.ndarray, feet: np.ndarray, tips: np.ndarray, rings: int) -> Edges:
     """Edges of a group of tubes with rings of n corners, their triangles in the order of ``meshing``.
 
-    vertex, edge : the first of the group.
     wall : (W,) rings with a wall above, counted within the group.
     feet, tips : (A,) first and last ring of each tube.
 
@@ -454,21 +451,21 @@ def tube_edges(
             np.stack([corner, n + following], axis=1),
         ]
     )  # (3n, 2)
-    ends = pattern + (vertex + n * np.arange(rings, dtype=np.int32))[:, None, None]
-    middle = (vertex + n * rings + np.arange(count, dtype=np.int32))[:, None]
+    ends = pattern + (n * np.arange(rings, dtype=np.int32))[:, None, None]
+    middle = (n * rings + np.arange(count, dtype=np.int32))[:, None]
     ends[tips, n : 2 * n, 1] = middle + count
     ends[tips, 2 * n :, 0] = middle
-    ends[tips, 2 * n :, 1] = (vertex + n * feet.astype(np.int32))[:, None] + corner
+    ends[tips, 2 * n :, 1] = (n * feet.astype(np.int32))[:, None] + corner
 
     pattern = np.stack(
         [around, upright[following], slanted, slanted, 3 * n + around, upright], axis=1
     ).reshape(-1)  # (6n,)
     of_corner = np.empty((2 * n * (len(wall) + count), 3), dtype=np.int32)
-    below = (edge + 3 * n * wall).astype(np.int32)
+    below = (3 * n * wall).astype(np.int32)
     np.add(below[:, None], pattern, out=of_corner[: 2 * n * len(wall)].reshape(-1, 6 * n))
     fans = of_corner[2 * n * len(wall) :].reshape(2, count, 3 * n)
-    first = (edge + 3 * n * feet).astype(np.int32)[:, None]
-    last = (edge + 3 * n * tips).astype(np.int32)[:, None]
+    first = (3 * n * feet).astype(np.int32)[:, None]
+    last = (3 * n * tips).astype(np.int32)[:, None]
     np.add(last, np.repeat(upright, 3), out=fans[1])
     fans[1, :, 1::3], fans[1, :, 2::3] = last + around, last + upright[following]
     np.add(last, np.repeat(slanted, 3), out=fans[0])
@@ -618,7 +615,7 @@ def _tubes(line: Line, relief: Relief | None) -> TriMesh:
     thick = np.maximum.reduceat(line.above, line.first[:-1]) if len(sides) else np.empty(0)
     turns = np.maximum(np.rint(2 * np.pi * thick), 1.0)
 
-    groups: list[Callable[[], Edges]] = []
+    groups: list[tuple[Callable[[], Edges], int]] = []
     v = t = 0
     for n in np.unique(sides):
         a, b = np.searchsorted(sides, [n, n + 1])  # axes of this group, and their rings
@@ -639,8 +636,7 @@ def _tubes(line: Line, relief: Relief | None) -> TriMesh:
         vertices[middle : middle + tubes] = line.point[line.first[a:b]]
         vertices[middle + tubes : middle + 2 * tubes] = line.point[last[a:b]]
         _triangulate(triangles[t:stop], n, v, wall, feet, tips, middle)
-        edge = 3 * t // 2  # closed: 2E = 3T
-        groups.append(partial(tube_edges, n, v, edge, wall, feet, tips, size))
+        groups.append((partial(tube_edges, n, wall, feet, tips, size), int(size * n + 2 * tubes)))
 
         own = line.order[a:b]
         order[t : t + 2 * n * len(wall)] = np.repeat(own[rings.axis[low:high][wall] - a], 2 * n)
@@ -667,16 +663,7 @@ def _tubes(line: Line, relief: Relief | None) -> TriMesh:
         material=np.zeros(count, dtype=np.int32),
         uv=texture,
         order=order,
-        edges=partial(_joined_edges, groups),  # only a Blender mesh needs them
-    )
-
-
-def _joined_edges(groups: Sequence[Callable[[], Edges]]) -> Edges:
-    """The edges of groups of tubes, one after the other."""
-    known = [edges() for edges in groups]
-    return Edges(
-        np.concatenate([e.ends for e in known] or [np.empty((0, 2), np.int32)]),
-        np.concatenate([e.of_corner for e in known] or [np.empty((0, 3), np.int32)]),
+        edges=partial(join_edges, groups),  # only a Blender mesh needs them
     )
 
 
