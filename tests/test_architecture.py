@@ -102,7 +102,7 @@ BUDGETS = {
     "forest_addon/drawing": (593, 6),
     "forest_addon/flight": (1806, 12),
     "forest_addon/formats": (3588, 29),
-    "forest_addon/growth": (7811, 36),
+    "forest_addon/growth": (7807, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1118, 13),
     "forest_addon/sensing": (12591, 94),
