@@ -282,7 +282,8 @@ def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
 
 
 def refuse_coarse(path: StrPath, corners: np.ndarray, exact: bool = False) -> None:
-    """Refuse corners (..., 3) so far from the origin that single precision has rounded the shape away.
+    """Refuse corners (..., 3) that are no finite numbers, which Blender's importers put at the origin, or so
+    far from it that single precision has rounded the shape away.
 
     exact : they were stored with more digits, and are refused if they are what single precision had left.
 
@@ -291,8 +292,13 @@ def refuse_coarse(path: StrPath, corners: np.ndarray, exact: bool = False) -> No
     SpecError : says what, and what to do.
     """
     places = np.reshape(corners, (-1, 3))
+    if not np.isfinite(places).all():
+        raise SpecError(
+            os.path.basename(path),
+            "has corners that are NaN or infinite; repair it, and export it again",
+        )
     with np.errstate(all="ignore"):
-        low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
+        low, high = places.min(axis=0), places.max(axis=0)
         step = np.spacing(np.maximum(np.abs(low), np.abs(high)).astype(np.float32))
         coarse = step.max() > max(FINEST, COARSE * float((high - low).max()))
         if coarse and exact:

@@ -8,6 +8,7 @@ then costs some fifty bytes, where a node of its own costs hundreds. Khronos glT
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import struct
@@ -15,11 +16,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import scipy
 
-from .foreign import guarded
+from .foreign import guarded, refuse_coarse
 
 EXTENSION = "EXT_mesh_gpu_instancing"
 MAGIC, JSON, BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -90,6 +92,38 @@ def read_glb(path: Path) -> tuple[dict[str, Any], bytearray]:
     if not isinstance(document, dict):
         raise ValueError(f"{path.name} has no table in its JSON chunk")
     return document, bytearray(chunks.get(BINARY, b""))
+
+
+def refuse_broken_gltf(path: Path) -> None:
+    """Refuse a glTF with corners that are no finite numbers, or whose shape is lost at map coordinates; those
+    that an extension has packed are left to who unpacks them.
+
+    Raises
+    ------
+    SpecError : says what, and what to do.
+    """
+    document, binary = (
+        read_glb(path)
+        if path.suffix.lower() == ".glb"
+        else (json.loads(path.read_bytes()), bytearray())
+    )
+    parts = [
+        part["attributes"] for mesh in document.get("meshes", []) for part in mesh["primitives"]
+    ]
+    for number in {part["POSITION"] for part in parts if "POSITION" in part}:
+        accessor = document["accessors"][number]
+        view = document["bufferViews"][accessor["bufferView"]] if "bufferView" in accessor else {}
+        if not view or "extensions" in view or accessor["componentType"] != FLOAT:
+            continue
+        uri = document["buffers"][view["buffer"]].get("uri", "")
+        stored: bytes | bytearray = binary
+        if uri.startswith("data:"):
+            stored = base64.b64decode(uri.partition(",")[2])
+        elif uri:
+            stored = (path.parent / unquote(uri)).read_bytes()
+        begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        form = (accessor["count"], 3), "<f4", stored, begin, (view.get("byteStride", 12), 4)
+        refuse_coarse(path, np.ndarray(*form))
 
 
 def write_glb(path: str | os.PathLike[str], document: dict[str, Any], binary: bytearray) -> None:

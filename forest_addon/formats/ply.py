@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Mapping, Sequence
-from itertools import pairwise, takewhile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, overload
 
@@ -75,11 +76,8 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
     ------
     SpecError : it is no PLY, has no faces, or lost its shape at map coordinates.
     """
-    data = path.read_bytes()
-    start = data.index(b"\n", data.index(b"end_header")) + 1
-    head = [line.split() for line in data[:start].decode("ascii", "replace").splitlines() if line]
-    order: Any = {"ascii": "", "binary_big_endian": ">"}.get(head[1][1], "<")
-    words, stored = iter(data[start:].split() if not order else ()), io.BytesIO(data[start:])
+    data, order, parts = _head_of(path)
+    words, stored = iter(data.split() if not order else ()), io.BytesIO(data)
 
     def take(kind: str) -> Any:
         if not order:
@@ -88,12 +86,8 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
         return np.frombuffer(stored.read(number.itemsize), number)[0]
 
     elements: dict[str, list[Any]] = {"vertex": [], "face": []}
-    for number, line in enumerate(head):
-        if line[0] != "element":
-            continue
-        told = takewhile(lambda one: one[0] != "element", head[number + 1 :])
-        properties = [one[1:] for one in told if one[0] == "property"]
-        for _ in range(int(line[2])):
+    for name, count, properties in parts:
+        for _ in range(count):
             row = {
                 p[-1]: [take(p[2]) for _ in range(int(take(p[1])))]
                 if p[0] == "list"
@@ -101,15 +95,53 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 for p in properties
             }
             corners = next((value for value in row.values() if isinstance(value, list)), [])
-            at = [row.get(axis) for axis in PLACE] if line[1] == "vertex" else corners
-            elements.setdefault(line[1], []).append(at)
+            at = [row.get(axis) for axis in PLACE] if name == "vertex" else corners
+            elements.setdefault(name, []).append(at)
     fans = [(face[0], b, c) for face in elements["face"] for b, c in pairwise(face[1:])]
     if not fans:
         raise SpecError(str(path), "has no faces; a ground is a surface of triangles")
     vertices = np.array(elements["vertex"], dtype=np.float64)
-    single = order and any(line[1:] in (["float", "x"], ["float32", "x"]) for line in head)
+    single = order and any(
+        kind in properties
+        for _, _, properties in parts
+        for kind in (["float", "x"], ["float32", "x"])
+    )
     refuse_coarse(path, vertices, exact=not single)
     return vertices, np.array(fans).astype(np.int64)
+
+
+def refuse_broken_ply(path: Path) -> None:
+    """Refuse a PLY that begins, as all but rare ones, with corners of which some are no finite numbers, or
+    whose shape is lost at map coordinates.
+
+    Raises
+    ------
+    SpecError : says what, and what to do.
+    """
+    data, order, ((name, count, properties), *_) = _head_of(path)
+    if name != "vertex" or any(kind[0] == "list" for kind in properties):
+        return
+    if not order:
+        columns = [[kind[-1] for kind in properties].index(axis) for axis in PLACE]
+        places = np.loadtxt(io.BytesIO(data), usecols=columns, max_rows=count, ndmin=2)
+    else:
+        kinds = [
+            (name, order + np.dtype(TYPES.get(kind, kind)).str[1:]) for kind, name in properties
+        ]
+        rows = np.frombuffer(data, kinds, count)
+        places = np.column_stack([rows[axis] for axis in PLACE])
+    refuse_coarse(path, places)
+
+
+def _head_of(path: Path) -> tuple[bytes, Any, list[tuple[str, int, list[list[str]]]]]:
+    """Bytes below a PLY's head, their order ("" of text), and its elements: names, counts, properties."""
+    data = path.read_bytes()
+    start = data.index(b"\n", data.index(b"end_header")) + 1
+    head = data[:start].decode("ascii", "replace")
+    form, *parts = re.split(r"\n\s*element\s+", head)
+    order = ">" if "big_endian" in form else "<" if "binary" in form else ""
+    found = [(*part.split()[:2], re.findall(r"\n\s*property\s+(.*)", part)) for part in parts]
+    return data[start:], order, [(a, int(b), [*map(str.split, c)]) for a, b, c in found]
 
 
 def said_of(origin: Origin) -> str:

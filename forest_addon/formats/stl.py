@@ -54,6 +54,19 @@ def read_stl(path: str | os.PathLike[str], most: int = MOST_FACETS) -> np.ndarra
         raise StlError(f"{name} {problem.problem}.") from None
 
 
+def refuse_broken_stl(path: Path) -> None:
+    """Refuse an STL of which ``read_stl`` leaves out facets.
+
+    Raises
+    ------
+    SpecError : it does, or the shape is lost at map coordinates.
+    StlError : as ``read_stl``.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", StlWarning)
+        _read(path, path.stat().st_size)
+
+
 @guarded("an STL file", meant=(StlError, OSError))
 def _read(path: Path, most: int) -> np.ndarray:
     name = path.name

@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -525,6 +526,30 @@ def _layer(path: Path) -> Sheet:
     return sheet
 
 
+def _archive(path: Path) -> Sheet:
+    """The one table in a zip, whatever folder of it holds it, or the layers of several shapefiles.
+
+    Raises
+    ------
+    SpecError : it holds none, or several.
+    """
+    with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory() as folder:
+        names = [
+            n for n in archive.namelist() if Path(n).suffix.lower() in INSIDE and "/." not in n
+        ]
+        if len(names) > 1 and {name.lower()[-4:] for name in names} == {".shp"}:
+            return _layer(path)
+        if len(names) != 1:
+            held = f"tables {', '.join(names)}" if names else "no table"
+            raise SpecError(str(path), f"holds {held}; unpack it and name one file of trees")
+        archive.extractall(folder)
+        try:
+            sheet = _sheet(Path(folder) / names[0])
+        except SpecError as problem:
+            raise SpecError(f"{path}: {names[0]}", problem.problem) from None
+    return replace(sheet, path=path)
+
+
 SHAPES = {"Point": 3, "MultiPoint": 1, "Polygon": math.inf, "MultiPolygon": math.inf}  # most parts
 
 
@@ -561,7 +586,9 @@ def _shape(geometry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 READERS = {".xlsx": _workbook, ".xlsm": _workbook, ".geojson": _geojson, ".json": _geojson}
-READERS |= dict.fromkeys((".gpkg", ".shp", ".fgb", ".zip"), _layer)
+READERS |= dict.fromkeys((".gpkg", ".shp", ".fgb"), _layer)
+INSIDE = (*READERS, ".csv", ".tsv", ".txt")  # of a zip
+READERS |= {".zip": _archive}
 UNREAD = (
     *(".xls", ".ods", ".parquet", ".dbf", ".kml", ".kmz", ".gpx", ".pdf", ".doc", ".docx"),
     *(".mat", ".rds", ".db", ".sqlite", ".gdb", ".tab", ".dxf"),

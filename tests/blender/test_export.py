@@ -2,6 +2,8 @@
 
 import ast
 import json
+import re
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -450,6 +452,41 @@ def test_a_mesh_at_map_coordinates_is_refused_at_both_doors(empty_blender, tmp_p
             SpecError, match=rf"a\{ending}: lies at map .* steps of 0\.5: its shape"
         ):
             door(Path(file))
+    empty_file()
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("ending", "how"),
+    [
+        *((ending, {}) for ending in (".glb", ".ply", ".stl", ".usda", ".obj")),
+        (".gltf", {"export_format": "GLTF_SEPARATE"}),
+        *((ending, {"ascii_format": True}) for ending in (".ply", ".stl")),
+    ],
+)
+def test_corners_that_are_no_numbers_are_refused_at_both_doors(
+    empty_blender, tmp_path, ending, how
+):
+    """Blender's importers put them at the origin, and say nothing."""
+    bpy.ops.mesh.primitive_ico_sphere_add(radius=2)
+    bpy.context.object.data.vertices[3].co = (7.125, 7.125, 7.125)
+    file = tmp_path / f"a{ending}"
+    if ending in (".glb", ".gltf"):
+        bpy.ops.export_scene.gltf(filepath=str(file), **how)
+    else:
+        getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=str(file), **how)
+    for door in [open_file, *([read_groups] if ending in ENDINGS else [])]:
+        empty_file()
+        door(file)
+    for stored in tmp_path.iterdir():
+        raw = stored.read_bytes().replace(struct.pack("<f", 7.125), struct.pack("<f", np.nan))
+        if how.get("ascii_format") or ending in (".usda", ".obj"):
+            raw = re.sub(rb"7\.1250*", b"nan", raw)
+        stored.write_bytes(raw)
+    for door in [open_file, *([read_groups] if ending in ENDINGS else [])]:
+        empty_file()
+        with pytest.raises(SpecError, match=rf"a\{ending}.* (NaN|no numbers|finite number)"):
+            door(file)
     empty_file()
 
 

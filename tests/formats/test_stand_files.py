@@ -253,6 +253,8 @@ def planted(path, crs="EPSG:32632", **kinds):
         "gpkg",
         "shp",
         "zip",
+        "folder.zip",
+        "csv.zip",
         "degrees.csv",
         "degrees.geojson",
     ],
@@ -304,6 +306,15 @@ def test_a_stand_in_the_formats_of_maps_and_sheets_is_planted_again(stand, tmp_p
     again = planted(path)
     assert again.position[:, :2] == pytest.approx(stand.position[:, :2], abs=1e-6)
     assert (again.species == stand.species).all()
+
+
+@pytest.mark.parametrize("names", [[], ["a.csv", "b/c.csv"], ["readme.md"]])
+def test_an_archive_of_no_table_or_several_is_refused(tmp_path, names):
+    with zipfile.ZipFile(tmp_path / "t.zip", "w") as archive:
+        for name in names:
+            archive.writestr(name, "x,y\n1,2\n")
+    with pytest.raises(SpecError, match=r"t\.zip: holds (no table|tables a\.csv, b/c\.csv);"):
+        read_tree_list(tmp_path / "t.zip")
 
 
 @pytest.mark.parametrize("encoding", ["UTF-8", "ISO-8859-1"])

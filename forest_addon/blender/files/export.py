@@ -31,12 +31,13 @@ from mathutils import Vector
 
 from ...formats.atomic import replacing
 from ...formats.foreign import guarded, refuse_coarse
-from ...formats.glb import Copies, instance_nodes
+from ...formats.glb import Copies, instance_nodes, refuse_broken_gltf
 from ...formats.helios.parts import read_obj
-from ...formats.stl import StlError, read_stl
+from ...formats.ply import refuse_broken_ply
+from ...formats.stl import StlError, read_stl, refuse_broken_stl
 from ...growth.own_tree.pieces import Group
 from ...spec import Scene, SpecError
-from ..scene.attributes import world_places_of
+from ..scene.attributes import places_of, world_places_of
 from ..scene.instances import read_points
 from ..scene.layout import GROUND_NAME, PART_KEY, TREES, objects_in, root
 from ..scene.materials import in_one_colour
@@ -61,6 +62,14 @@ AS_WRITTEN: dict[
     ".obj": {"forward_axis": "Y", "up_axis": "Z", "use_split_objects": True},
     ".gltf": {"import_shading": "FLAT"},
     ".glb": {"import_shading": "FLAT"},
+}
+
+
+BEFORE = {  # importers pass over what is wrong in a file, and say of a missing one what it is not
+    ".obj": read_obj,
+    ".ply": refuse_broken_ply,
+    ".stl": refuse_broken_stl,
+    **dict.fromkeys((".glb", ".gltf"), refuse_broken_gltf),
 }
 
 
@@ -90,7 +99,7 @@ def open_file(path: Path) -> float:
         boxes = [np.array(obj.bound_box) for obj in things]
         turned = [np.array(obj.matrix_world)[:3] for obj in things]
         placed = [box @ m[:, :3].T + m[:, 3] for box, m in zip(boxes, turned, strict=True)]
-        for corners in (*boxes, placed) if things else ():
+        for corners in (*(places_of(obj.data) for obj in things), placed) if things else ():
             refuse_coarse(path, np.array(corners))
     units = bpy.context.scene.unit_settings
     metres = float(units.scale_length)
@@ -109,8 +118,7 @@ def open_file(path: Path) -> float:
 def _import(path: Path, anew: bool = False, **options: Any) -> None:
     """Have Blender's operator for such files open one; anew : in an empty scene."""
     ending = path.suffix.lower()
-    # importers say of a missing file what it is not, and pass over what is wrong in an OBJ
-    {".obj": read_obj}.get(ending, Path.stat)(path)
+    BEFORE.get(ending, Path.stat)(path)
     if anew:
         empty_file()
     group, operator = IMPORTERS[ending]

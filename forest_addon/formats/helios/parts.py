@@ -208,8 +208,6 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
         *(names.setdefault(" ".join(lines[line].split()[1:]), len(names)) for line in at_name),
     ]
     slot = np.array(slots, dtype=np.int32)[np.searchsorted(at_name, at_face)][fan]
-    if not np.isfinite(vertices).all():
-        raise SpecError(str(path), "has corners that are no numbers")
     refuse_coarse(path, vertices, exact=True)
     material_of: dict[str, Material] = {}
     naming = [lines[line] for line in at_file.tolist()]
