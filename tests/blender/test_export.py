@@ -475,7 +475,7 @@ def test_corners_that_are_no_numbers_are_refused_at_both_doors(
         bpy.ops.export_scene.gltf(filepath=str(file), **how)
     else:
         getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=str(file), **how)
-    for door in [open_file, *([read_groups] if ending in ENDINGS else [])]:
+    for door in [open_file, *([read_groups] if ending in AS_WRITTEN else [])]:
         empty_file()
         door(file)
     for stored in tmp_path.iterdir():
@@ -483,7 +483,7 @@ def test_corners_that_are_no_numbers_are_refused_at_both_doors(
         if how.get("ascii_format") or ending in (".usda", ".obj"):
             raw = re.sub(rb"7\.1250*", b"nan", raw)
         stored.write_bytes(raw)
-    for door in [open_file, *([read_groups] if ending in ENDINGS else [])]:
+    for door in [open_file, *([read_groups] if ending in AS_WRITTEN else [])]:
         empty_file()
         with pytest.raises(SpecError, match=rf"a\{ending}.* (NaN|no numbers|finite number)"):
             door(file)
