@@ -542,7 +542,13 @@ def _archive(path: Path) -> Sheet:
         if len(names) != 1:
             held = f"tables {', '.join(names)}" if names else "no table"
             raise SpecError(str(path), f"holds {held}; unpack it and name one file of trees")
-        archive.extractall(folder)
+        stem = names[0].rpartition(".")[0].lower()  # as of all files of a shapefile
+        beside = [one for one in archive.infolist() if one.filename.lower().startswith(f"{stem}.")]
+        if sum(one.file_size for one in beside) > MOST:
+            raise SpecError(
+                str(path), f"holds more than {MOST / 1e6:.0f} MB; unpack it, give a part"
+            )
+        archive.extractall(folder, beside)
         try:
             sheet = _sheet(Path(folder) / names[0])
         except SpecError as problem:
