@@ -265,6 +265,12 @@ def _claims_of_ply(path: Path, head: bytes) -> int:
     return max(least, most)
 
 
+def name_in(uri: str) -> str:
+    """The name of a file that a URI of a glTF tells; letters may stand as the codes of their UTF-8."""
+    codes = re.compile(b"%([0-9a-fA-F]{2})")
+    return codes.sub(lambda code: bytes([int(code[1], 16)]), uri.encode()).decode(errors="replace")
+
+
 def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
     """The most items that one part of a glTF counts, and bytes of it and of what it names."""
     raw = path.read_bytes()
@@ -273,7 +279,7 @@ def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
     document = json.loads(raw)
     parts = (*document.get("buffers", []), *document.get("images", []))
     names = [name for each in parts if (name := str(each.get("uri", "")))[:5] != "data:"]
-    names = [re.sub("%([0-9a-fA-F]{2})", lambda code: chr(int(code[1], 16)), n) for n in names]
+    names = [name_in(uri) for uri in names]
     _refuse_endless_beside(path, filter(None, names))
     size += sum(file.stat().st_size for name in names if (file := path.parent / name).is_file())
     counted = [*document.get("accessors", [])]

@@ -16,12 +16,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 import scipy
 
-from .foreign import guarded, refuse_coarse
+from .foreign import guarded, name_in, refuse_coarse
 
 EXTENSION = "EXT_mesh_gpu_instancing"
 MAGIC, JSON, BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -120,7 +119,7 @@ def refuse_broken_gltf(path: Path) -> None:
         if uri.startswith("data:"):
             stored = base64.b64decode(uri.partition(",")[2])
         elif uri:
-            stored = (path.parent / unquote(uri)).read_bytes()
+            stored = (path.parent / name_in(uri)).read_bytes()
         begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         form = (accessor["count"], 3), "<f4", stored, begin, (view.get("byteStride", 12), 4)
         refuse_coarse(path, np.ndarray(*form))
