@@ -17,8 +17,6 @@ number of their pulses, the pieces are what the scan of the whole forest writes,
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -29,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from .base.digest import digest
 from .base.kept import LastAsked
 from .base.places import version
 from .base.progress import Progress
@@ -183,11 +182,10 @@ class TiledForest:
     @property
     def _said(self) -> str:
         """The settings and some of the trees, in one number."""
-        total, stand = _decided(self.plan.scene), self.plan.measured.stand
+        settings, stand = _decisive(self.plan.scene), self.plan.measured.stand
         some = stand.select(np.arange(0, len(stand), len(stand) // PROBED + 1))
-        for array in (some.position, some.rotation, some.scale, some.variant, np.array(len(stand))):
-            total.update(np.ascontiguousarray(array).view(np.uint8).data)
-        return str(total.hexdigest())
+        arrays = some.position, some.rotation, some.scale, some.variant
+        return digest([settings, len(stand), *arrays])
 
     def _measure(self) -> None:
         """Find how far trees of each variant reach, the bounds of all, and which stand in which tile."""
@@ -321,14 +319,10 @@ class TiledForest:
     @cached_property
     def digest(self) -> str:
         """Digest of all that decides what rays meet in the forest."""
-        total = _decided(self.plan.scene)
-        for rows in blocks(len(self)):
-            stand = self.stand(rows)
-            for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
-                total.update(np.ascontiguousarray(array).view(np.uint8).data)
-        for tree in self.trees.values():
-            total.update(np.ascontiguousarray(tree.mesh.vertices).view(np.uint8).data)
-        return str(total.hexdigest())
+        stands = map(self.stand, blocks(len(self)))
+        placed = (digest([s.position, s.rotation, s.scale, s.sink, s.variant]) for s in stands)
+        grown = [tree.mesh.vertices for tree in self.trees.values()]
+        return digest([_decisive(self.plan.scene), *placed, *grown])
 
     def parts(self, at_once: int) -> Iterator[GrownForest]:
         """All trees, so many at a time."""
@@ -336,13 +330,12 @@ class TiledForest:
             yield self.part(np.arange(first, min(first + at_once, len(self))))
 
 
-def _decided(scene: Scene) -> Any:
-    """The hash of what settings decide of a forest."""
+def _decisive(scene: Scene) -> list[Any]:
+    """Version and settings that decide a forest."""
     rays = Rays(engine=scene.rays.engine)  # their number of threads decides nothing
     tiles = scene.tiles.changed(files="merged")
     scene = scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
-    text = json.dumps([version(), asdict(scene)], sort_keys=True, default=str)
-    return hashlib.blake2b(text.encode(), digest_size=16)
+    return [version(), asdict(scene)]
 
 
 def _outer(place: np.ndarray, reach: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> np.ndarray:

@@ -7,7 +7,6 @@ holds everything needed to run a scene again, what it took, what came out and ho
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import importlib
 import json
 import os
@@ -26,6 +25,7 @@ import numpy as np
 
 from forest_addon import kernels
 from forest_addon.api import Result, Site, World
+from forest_addon.base.digest import digest
 from forest_addon.base.places import version
 from forest_addon.base.progress import Progress
 from forest_addon.blender.files.export import (
@@ -601,7 +601,7 @@ def record_named(name: str) -> type:
 
 
 UNFINISHED = ".unfinished"  # the folder of a run that holds them
-KEPT = re.compile(r"[\w-]+-[0-9a-f]{24}\.npz")  # a sensor's name, and what decides its result
+KEPT = re.compile(r"[\w-]+-[0-9a-f]{24,32}\.npz")  # a sensor's name, and what decides its result
 
 
 class Unfinished:
@@ -653,15 +653,13 @@ class Unfinished:
             self._folder.rmdir()
 
     def _file(self, sensor: Sensor) -> Path:
-        total = hashlib.blake2b(self._scene, digest_size=12)
         scene = self._world.scene.changed(sensors=())
-        said = [version(), *map(dataclasses.asdict, (scene, sensor))]
-        total.update(json.dumps(said, sort_keys=True).encode())
+        said = [self._scene, version(), *map(dataclasses.asdict, (scene, sensor))]
 
         def read(name: str) -> str:
             path = self._world.folder / name
-            total.update(path.read_bytes() if path.is_file() else name.encode())
+            said.append(path.read_bytes() if path.is_file() else name)
             return name
 
         with_files(sensor, read)
-        return self._folder / f"{sensor.name}-{total.hexdigest()}.npz"
+        return self._folder / f"{sensor.name}-{digest(said)}.npz"

@@ -9,7 +9,6 @@ those of datasets: of this machine, or of a cluster whose machines see the same 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 import tempfile
@@ -23,6 +22,7 @@ import numpy as np
 
 from forest_addon.api import TiledScan, Tiling, World
 from forest_addon.api.results import is_scanner
+from forest_addon.base.digest import digest
 from forest_addon.base.rng import stream
 from forest_addon.blender.files.export import empty_file
 from forest_addon.blender.read.depsgraph import forget
@@ -89,12 +89,8 @@ class TiledRun:
 
     def digest(self, sensor: Any) -> str:
         """Digest of what decides a sensor's result."""
-        said = json.dumps(
-            [self.tiling.forest.digest, dataclasses.asdict(sensor), self.tiling.scene.tiles.files],
-            sort_keys=True,
-            default=str,
-        )
-        return hashlib.blake2b(said.encode(), digest_size=16).hexdigest()
+        forest, files = self.tiling.forest.digest, self.tiling.scene.tiles.files
+        return digest([forest, dataclasses.asdict(sensor), files])
 
     def done(self, sensor: Any) -> dict[str, Any] | None:
         """Facts of a sensor that an earlier run had finished, whose files are there."""

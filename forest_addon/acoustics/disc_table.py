@@ -15,11 +15,11 @@ from __future__ import annotations
 import math
 import platform
 from functools import lru_cache
-from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
 
+from ..base.digest import digest
 from .kept_tables import kept_table
 
 FILE = Path(__file__).with_name("hard_disc.npz")
@@ -122,10 +122,8 @@ def _version() -> str:
     """Digest of what the tables depend on: this file, its data, and what computes them."""
     import scipy
 
-    total = blake2b(Path(__file__).read_bytes(), digest_size=8)
-    total.update(FILE.read_bytes())
-    total.update(f"{np.__version__} {scipy.__version__} {platform.machine()}".encode())
-    return total.hexdigest()
+    made_with = f"{np.__version__} {scipy.__version__} {platform.machine()}"
+    return digest([Path(__file__).read_bytes(), FILE.read_bytes(), made_with])
 
 
 def _make_splines() -> np.ndarray:

@@ -8,8 +8,6 @@ the whole (``extent``), and the instances of a scan's labels are numbered as in 
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -18,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from ..base.digest import digest
 from ..base.progress import Progress
 from ..base.rng import stream
 from ..formats.ownership import remove
@@ -337,11 +336,8 @@ class TiledScan:
         _refuse_any({f"{name}.{key}": said for key, said in refused.items()})
         self.pattern = pattern_of(self.sensor, way)
         said = [tiling.forest.digest, asdict(self.sensor), tiling.scene.offset]
-        total = hashlib.blake2b(json.dumps(said, sort_keys=True, default=str).encode())
         probe = self.pattern.pulses(np.linspace(0, self.pattern.count - 1, 64).astype(np.int64))
-        for array in (probe.origin, probe.direction):
-            total.update(np.ascontiguousarray(array).view(np.uint8).data)
-        self._digest = total.hexdigest()[:32]
+        self._digest = digest([said, probe.origin, probe.direction])
         kept = {} if only is not None else kept_arrays(self.path_of_pulses, self._digest)
         known = tiling.grid, tiling.forest.bounds, tiling.scene.tiles.buffer, only
         self.pulses: TiledPulses = (

@@ -19,12 +19,12 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..base.digest import digest
 from ..base.kept import LastAsked
 from ..base.places import ASSETS, file_name, version
 from ..base.progress import Progress
@@ -77,7 +77,7 @@ FITTED = (  # settings of a grammar that are fitted to a tree, in the order of i
 )
 MOST_OF_TREE, MOST_OF_LEAF = 3_000_000, 10_000  # facets of a file
 KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft
-_recognised: LastAsked[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = LastAsked(KEPT)
+_recognised: LastAsked[tuple[str, tuple[str, float]], TreeTemplate | Habit] = LastAsked(KEPT)
 
 
 def file_stem(name: str) -> str:
@@ -239,11 +239,8 @@ def _once(
     Every update of a forest, and every scene of a series, reads its species anew, and recognising one takes
     up to seconds. What is made of a template is kept by the object: the same one comes back.
     """
-    content = blake2b(wood.tobytes())
-    if leaves is not None:
-        content.update(b"leaves" + leaves.tobytes())
-    key = (content.digest(), what)
-    return _recognised.once(key, make)
+    content = digest([wood] if leaves is None else [wood, b"leaves", leaves])
+    return _recognised.once((content, what), make)
 
 
 class NotUnderstoodError(SpecError):

@@ -11,7 +11,6 @@ number alone, so the bytes are those of a scan that was never interrupted, and m
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import time
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ..base.digest import digest
 from ..base.progress import Progress
 from ..formats.atomic import replacing
 from ..formats.ownership import claim
@@ -201,24 +201,18 @@ def _resumed(noted: Path, fresh: ScanState) -> ScanState:
 
 def _digest(scan: Scan, seed: int, offset: Offset) -> str:
     """Digest of what decides the bytes of a scan: settings, seed, scene, engine."""
-    total = hashlib.blake2b(digest_size=16)
-    settings = dataclasses.asdict(scan.scanner)
-    total.update(json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True).encode())
-    total.update(scene_digest(scan.caster.scene))
+    said = [dataclasses.asdict(scan.scanner), seed, offset, scan.caster.engine]
+    # where an object that is followed goes
     probe = scan.pattern.pulses(np.linspace(0, scan.pulses - 1, 64).astype(np.int64))
-    for array in (probe.origin, probe.direction):  # where an object that is followed goes
-        total.update(np.ascontiguousarray(array).view(np.uint8).data)
-    return total.hexdigest()
+    return digest([said, scene_digest(scan.caster.scene), probe.origin, probe.direction])
 
 
-def scene_digest(scene: SceneGeometry) -> bytes:
+def scene_digest(scene: SceneGeometry) -> str:
     """Digest of what decides what rays meet."""
-    total = hashlib.blake2b(digest_size=16)
-    for mesh in scene.meshes:
-        for array in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf):
-            total.update(np.ascontiguousarray(array).view(np.uint8).data)
-    owned = (scene.transform, scene.mesh_index, scene.tree, scene.species, scene.reflectance)
-    optics = () if scene.optics is None else (scene.optics,)
-    for array in (*owned, *scene.slot_reflectance, *optics, *scene.slot_optics):
-        total.update(np.ascontiguousarray(array).view(np.uint8).data)
-    return total.digest()
+    arrays = [
+        a for mesh in scene.meshes for a in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf)
+    ]
+    arrays += [scene.transform, scene.mesh_index, scene.tree, scene.species, scene.reflectance]
+    arrays += [*scene.slot_reflectance, *scene.slot_optics]
+    arrays += [] if scene.optics is None else [scene.optics]
+    return digest(arrays)

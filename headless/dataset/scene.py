@@ -7,7 +7,6 @@ each were made anew.
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from forest_addon.base.digest import digest
 from forest_addon.base.kept import LastAsked
 from forest_addon.base.rng import stream
 from forest_addon.blender.files.export import empty_file, open_file
@@ -294,12 +294,12 @@ def _write_blender(
 
 def _digests(forest: GrownForest) -> dict[str, str]:
     """A digest of every grown tree: by it a tree is known again in another scene."""
-    digests = {}
-    for (planting, variant), tree in sorted(forest.variants.items()):
-        total = hashlib.blake2b(tree.mesh.vertices.tobytes(), digest_size=16)
-        total.update(tree.mesh.triangles.tobytes())
-        digests[f"{forest.labels[planting]}.{variant:03d}"] = total.hexdigest()
-    return digests
+    return {
+        f"{forest.labels[planting]}.{variant:03d}": digest(
+            [tree.mesh.vertices, tree.mesh.triangles]
+        )
+        for (planting, variant), tree in sorted(forest.variants.items())
+    }
 
 
 def write_segments(

@@ -13,7 +13,6 @@ the same ``TriMesh`` as before, with all that was made of it.
 from __future__ import annotations
 
 import atexit
-import hashlib
 from collections.abc import Callable, Container, Hashable, Iterable
 from dataclasses import fields
 from typing import Any, TypeVar
@@ -22,6 +21,7 @@ from weakref import WeakValueDictionary
 import bpy
 import numpy as np
 
+from ...base.digest import digest
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry
@@ -77,7 +77,7 @@ def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
 
 
 def read_sample(
-    depsgraph: bpy.types.Depsgraph, changing: Container[str], known: dict[bytes, TriMesh]
+    depsgraph: bpy.types.Depsgraph, changing: Container[str], known: dict[str, TriMesh]
 ) -> SceneSample:
     """Read where instances stand, in the order of ``read_scene``, and the shapes of objects of these names.
 
@@ -270,7 +270,7 @@ class _Found:
 class _Whereabouts(_Found):
     """Instances, and the shapes of some objects; all other meshes are not read."""
 
-    def __init__(self, changing: Container[str], known: dict[bytes, TriMesh]) -> None:
+    def __init__(self, changing: Container[str], known: dict[str, TriMesh]) -> None:
         super().__init__()
         self._changing, self._known = changing, known
         self._owner, self._seen = "", 0
@@ -308,12 +308,10 @@ class _Whereabouts(_Found):
         corners = read(mesh, ".corner_vert", "INT", "CORNER")
         starts = np.empty(len(mesh.polygons), dtype=np.int32)
         mesh.polygons.foreach_get("loop_start", starts)
-        told = hashlib.sha256(corners.tobytes())
-        told.update(starts.tobytes())
-        told.update(str(len(mesh.vertices)).encode())
-        if told.digest() not in self._known:
-            self._known[told.digest()] = separate_leaves(from_mesh(mesh))
-        return Shape(read(mesh, "position", "FLOAT_VECTOR"), self._known[told.digest()])
+        told = digest([corners, starts, len(mesh.vertices)])
+        if told not in self._known:
+            self._known[told] = separate_leaves(from_mesh(mesh))
+        return Shape(read(mesh, "position", "FLOAT_VECTOR"), self._known[told])
 
 
 def _triangles_of(mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> TriMesh:
@@ -331,15 +329,14 @@ def _triangles_of(mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> TriMesh
         obj.to_mesh_clear()
 
 
-_meshes: WeakValueDictionary[bytes, TriMesh] = WeakValueDictionary()  # by what they hold
+_meshes: WeakValueDictionary[str, TriMesh] = WeakValueDictionary()  # by what they hold
 
 
 def _known(mesh: TriMesh) -> TriMesh:
     """A mesh that was read, with its leaves apart; where one that holds the same is in use, that one."""
-    told = hashlib.sha256(str((mesh.vertices.shape, mesh.triangles.shape)).encode())
-    for values in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf, mesh.material):
-        told.update(np.ascontiguousarray(values))
-    return _meshes.get(told.digest()) or _meshes.setdefault(told.digest(), separate_leaves(mesh))
+    arrays = mesh.vertices, mesh.triangles, mesh.part, mesh.leaf, mesh.material
+    told = digest([len(mesh.vertices), len(mesh.triangles), *arrays])
+    return _meshes.get(told) or _meshes.setdefault(told, separate_leaves(mesh))
 
 
 def _says(owner: bpy.types.Object, obj: bpy.types.Object, key: str, otherwise: Any) -> Any:

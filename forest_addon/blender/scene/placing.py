@@ -14,7 +14,6 @@ planting say, which is kept with all edits and only takes the colour that the co
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import chain
@@ -24,6 +23,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...base.digest import digest
 from ...base.trimesh import TriMesh
 from ...growth.truth import MEASURES
 from .layout import (
@@ -160,13 +160,12 @@ def has_own_mesh(obj: bpy.types.Object) -> bool:
 
 def fingerprint(mesh: TriMesh) -> str:
     """A word that only this mesh has."""
-    digest = hashlib.blake2b(digest_size=16)
+    told: list[Any] = []
     for column in fields(mesh):
         values = getattr(mesh, column.name)
         if column.name != "edges" and values is not None:  # edges follow from the triangles
-            digest.update(f"{column.name} {values.dtype} {values.shape}".encode())
-            digest.update(np.ascontiguousarray(values).view(np.uint8).data)
-    return digest.hexdigest()
+            told += [f"{column.name} {values.dtype} {values.shape}".encode(), values]
+    return digest(told)
 
 
 @dataclass(frozen=True)

@@ -276,7 +276,7 @@ class _SceneInTime:
         self._place = place  # its frame_current_final would be one that is mapped in time already
         self._frame = place.frame_current + place.frame_subframe
         self._changing: set[str] = set()
-        self._known: dict[bytes, TriMesh] = {}
+        self._known: dict[str, TriMesh] = {}
 
     def __enter__(self) -> _SceneInTime:
         bpy.app.handlers.frame_change_post.append(self._note)

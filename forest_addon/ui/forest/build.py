@@ -12,7 +12,6 @@ next change. Without a window *Live* does nothing.
 
 from __future__ import annotations
 
-import hashlib
 import secrets
 import time
 from collections.abc import Generator
@@ -22,8 +21,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bpy
-import numpy as np
 
+from ...base.digest import digest
 from ...base.places import ASSETS
 from ...base.progress import Progress
 from ...blender.jobs import Job, Task, Work
@@ -116,16 +115,16 @@ def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
         if planting.layout == "list" and planting.collection:
             where = f"plantings[{number}].collection"
             places = read_places(planting.collection, depsgraph, where)
-            parts.append(_digest(places.position, places.scale, places.rotation))
+            parts.append(digest([places.position, places.scale, places.rotation]))
     for name, where in named:
         if name and (name, where) not in _digests:
             painted = where.endswith("painted")
             surface: Any = (read_painted if painted else read_terrain)(name, depsgraph, where)
             surface = surface if painted else surface.surface
-            weight = surface.weight if painted else None
-            _digests[name, where] = _digest(surface.vertices, surface.triangles, weight)
+            weight = surface.weight if painted else b""
+            _digests[name, where] = digest([surface.vertices, surface.triangles, weight])
         parts.append(_digests.get((name, where), ""))
-    return hashlib.blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
+    return digest(["\n".join(parts).encode()])
 
 
 def settle(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, brought: bool = False) -> str:
@@ -154,16 +153,6 @@ def begin_live(scene: bpy.types.Scene) -> None:
 def let_be(scene: bpy.types.Scene, mark: str) -> None:
     """Mark a scene as being built: however it ends, it is not begun again by itself."""
     _let_be[scene.session_uid] = mark
-
-
-# ------------------------------------------------------------------------------------------ digests
-
-
-def _digest(*arrays: np.ndarray | None) -> str:
-    whole = hashlib.blake2b(digest_size=16)
-    for array in arrays:
-        whole.update(b"" if array is None else np.ascontiguousarray(array))
-    return whole.hexdigest()
 
 
 # ---------------------------------------------------------------------------------- what is reported
