@@ -117,21 +117,9 @@ class SceneJob(WorkerJob):
         """See ``WorkerJob``."""
         from .scene import make
 
-        recipe, partial = self.recipe, disk.begin(self.root, self.recipe.number)
+        partial = disk.begin(self.root, self.recipe.number)
         try:
-            made = make(recipe, partial, session)
-            record = {
-                "scene": recipe.number,
-                "split": recipe.split,
-                "seed": recipe.seed,
-                "base": recipe.base,
-                "settings": recipe.digest,
-                "varied": recipe.varied,
-                **made["facts"],
-            }
-            start = time.process_time()
-            disk.finish(partial, self.root, record)
-            return {**made["seconds"], "digest": time.process_time() - start}
+            return make(self.recipe, partial, self.root, session, self.threads)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
             session.clear()
@@ -171,7 +159,7 @@ class SceneOutcome:
 # The process of a worker: what runs within it.
 
 
-def _serve(pipe: Connection, threads: int, words: Path) -> None:
+def _serve(pipe: Connection, words: Path) -> None:
     """Load Blender, say so, and do jobs as they come; all that is printed goes to a file of last words."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends us
     said = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -186,7 +174,7 @@ def _serve(pipe: Connection, threads: int, words: Path) -> None:
             spec.loader.exec_module(sys.modules["bpy"])
     from .scene import Session
 
-    session = Session(threads)
+    session = Session()
     pipe.send(SceneOutcome("done"))
     with contextlib.suppress(EOFError):  # the worker is gone
         while True:
@@ -239,8 +227,7 @@ _starting = threading.Lock()  # of processes of several workers: the environment
 class Worker:
     """A process that has Blender loaded, started when it is first needed, and what it has been through."""
 
-    def __init__(self, threads: int = 1) -> None:
-        self.threads = threads
+    def __init__(self) -> None:
         self.scenes = 0  # that its process has made
         self.first_memory = 0.0  # of its process, after the first
         self._stopped = False
@@ -251,9 +238,6 @@ class Worker:
     def make(self, job: WorkerJob) -> SceneOutcome:
         """Do a job, twice if need be, in smaller parts where it needs too much memory, and note how it
         went."""
-        if job.threads != self.threads:
-            self.end()
-            self.threads = job.threads
         if job.is_done():
             return SceneOutcome("done", scene=job.number)
         cut, left = "", TRIES
@@ -302,7 +286,7 @@ class Worker:
         self._folder = tempfile.TemporaryDirectory()
         spawn = multiprocessing.get_context("spawn")
         self._pipe, theirs = spawn.Pipe()
-        given = (theirs, self.threads, Path(self._folder.name) / "words")
+        given = theirs, Path(self._folder.name) / "words"
         process = spawn.Process(target=_serve, args=given, daemon=True)
         self.scenes, self.first_memory = 0, 0.0
         with _starting, _environment():

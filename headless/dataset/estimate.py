@@ -168,7 +168,7 @@ def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> 
     every = recipes(plan, numbers)
     chosen, stands_for = by_cost(np.array([guess(recipe) for recipe in every]), samples)
     scenes, weights = [], []
-    worker = Worker(1)
+    worker = Worker()
     try:
         for index, weight in zip(chosen.tolist(), stands_for.tolist(), strict=True):
             recipe = every[index]

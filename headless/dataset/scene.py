@@ -60,6 +60,7 @@ from forest_addon.stand.plan import LOW, labels
 from forest_addon.stand.wind import sway_of
 
 from ..progress import hushed
+from .disk import finish
 from .formats import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance
 from .place import FILE, heights_of, place_sensors
 from .plan import Recipe
@@ -72,11 +73,9 @@ OBSERVING = "sensors"
 
 
 class Session:
-    """State that a process keeps from scene to scene. ``threads`` cast rays; no result depends on their
-    number."""
+    """State that a process keeps from scene to scene."""
 
-    def __init__(self, threads: int = 1) -> None:
-        self.threads = threads
+    def __init__(self) -> None:
         self.expansions = Expansions()
         self.served = 0  # scenes
         self._trees: LastAsked[tuple, Tree] = LastAsked(MOST_KEPT, lambda tree: tree.nbytes)
@@ -116,8 +115,12 @@ class _Making:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.process_time() - start
 
 
-def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
-    """Make a scene in an empty folder; returns facts of it and the CPU seconds of each stage.
+def make(
+    recipe: Recipe, folder: Path, root: Path, session: Session, threads: int
+) -> dict[str, float]:
+    """Make a scene of the dataset ``root`` in an empty folder; returns CPU seconds of each stage.
+
+    threads : that cast rays; no result depends on their number.
 
     Raises
     ------
@@ -125,12 +128,12 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
     OSError : a file cannot be read or written.
     """
     work = _Making(folder)
-    keep, root = Keep(**recipe.keep), Path(recipe.folder)
+    keep, home = Keep(**recipe.keep), Path(recipe.folder)
     with work.stage("read"):
-        site = ForestSite.read(recipe.settings(), root)
+        site = ForestSite.read(recipe.settings(), home)
         if site.scene.blend:
             with hushed():
-                open_file(root / site.scene.blend)
+                open_file(home / site.scene.blend)
     with work.stage("place"):
         site = _place(recipe, site, folder)
         settings = site.scene
@@ -142,7 +145,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
         looks = kept or keep.preview
         build_site(bpy.context.scene, site, forest, as_assets=kept, looks=looks)
     with work.stage("evaluate"):
-        rays = Rays(engine=settings.rays.engine, threads=session.threads)
+        rays = Rays(engine=settings.rays.engine, threads=threads)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)
         observer.blow(sway_of(forest, settings.wind, settings.seed))
     with work.stage("trees"):
@@ -176,9 +179,13 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
     with work.stage("write"):
         _write_blender(settings, keep, folder, observer, forest)
         write_settings(folder / "scene.toml", settings)
-        variants = _digests(forest)
-    return {
-        "facts": {
+        record = {
+            "scene": recipe.number,
+            "split": recipe.split,
+            "seed": recipe.seed,
+            "base": recipe.base,
+            "settings": recipe.digest,
+            "varied": recipe.varied,
             "trees": len(forest.stand),
             "leaves": int(sum(table["leaves"])),
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
@@ -186,10 +193,11 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "points": work.points,
             "empty": work.empty,
             "engine": observer.caster.engine,
-            "variants": variants,
-        },
-        "seconds": work.seconds,
-    }
+            "variants": _digests(forest),
+        }
+    with work.stage("digest"):
+        finish(folder, root, record)
+    return work.seconds
 
 
 def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:

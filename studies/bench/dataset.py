@@ -117,7 +117,7 @@ def _memory(say: Say) -> None:
 
 def memory_by_scene(plan: Plan) -> Sequence[float]:
     """Bytes that one process holds after each scene of a plan."""
-    worker, held = Worker(1), []
+    worker, held = Worker(), []
     with tempfile.TemporaryDirectory() as folder:
         try:
             for recipe in recipes(plan):
