@@ -80,7 +80,6 @@ from forest_addon.stand.intensity.surface import GroundSurface
 from forest_addon.stand.measured import record
 from forest_addon.stand.plan import labels
 
-from .command import DoubtfulError
 from .progress import Stages, free_memory, hushed, peak_memory_mb
 from .report import can_draw, page, without
 from .report.page import BUDGET, turning_cloud
@@ -149,7 +148,7 @@ def run_scene(
     """
     sound = None if dry is None else (dry.stem, *read_wav(dry))
     out.mkdir(parents=True, exist_ok=True)
-    stages, wanted = Stages(quiet, verbose), settings.output
+    stages, wanted = Stages(quiet, verbose, strict), settings.output
     stages.say(f"{settings.name}, seed {settings.seed}")
     with stages.stage("read species and templates"), hushed():
         empty_file()
@@ -174,7 +173,7 @@ def run_scene(
         world = site.build(forest, as_assets=wanted.blend, looks=looks, seconds=grown_in)
     with stages.stage("write truth"):
         _write_truth(run, forest)
-    _sense(run, world, sound, resume, strict)
+    _sense(run, world, sound, resume)
 
 
 def _refuse_large(forest: GrownForest, exported: bool) -> None:
@@ -223,7 +222,7 @@ def run_blend(
 
     sound = None if dry is None else (dry.stem, *read_wav(dry))
     out.mkdir(parents=True, exist_ok=True)
-    stages = Stages(quiet, verbose)
+    stages = Stages(quiet, verbose, strict)
     with registered():
         try:
             with stages.stage(f"open {blend.name}"), hushed(errors=True):
@@ -258,7 +257,7 @@ def run_blend(
             species = planted_names(scene, labels(settings.plantings))
             run = Run(settings, out, stages, None, None, species)
             world = World(settings, home, None, scene)
-            _sense(run, world, sound, resume, strict, wind.result)
+            _sense(run, world, sound, resume, wind.result)
         finally:
             with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
                 empty_file()
@@ -277,9 +276,7 @@ def claim_files(settings: Scene, out: Path, dry: str = "") -> None:
     claim(*(path for path in names if not path.is_dir()))
 
 
-def _sense(
-    run: Run, world: World, sound: Dry | None, resume: bool, strict: bool, sway: Any = None
-) -> None:
+def _sense(run: Run, world: World, sound: Dry | None, resume: bool, sway: Any = None) -> None:
     """Run the sensors of a world, and write what is known by then.
 
     sway : of trees that the world did not grow itself; None: it knows.
@@ -306,8 +303,8 @@ def _sense(
         if run.forest is not None:
             if run.settings.accuracy.audit:
                 run.trees = world.audit
-            for audit in run.trees.values():
-                run.stages.detail(str(audit))
+            for name, audit in run.trees.items():
+                stages.say_audit(name, audit)
             stand = run.findings[0]
             notes = (*stand.notes, *map(str, world.chosen))
             run.findings[0] = dataclasses.replace(
@@ -341,11 +338,7 @@ def _sense(
         _write_report(run, facts)
     where = f". Open {out / 'report.html'}" if wanted.report else ""
     stages.say(f"Done: {len(run.files) + wanted.report} files in {out}{where}")
-    audits = [*run.trees.items(), *((name, r.audit) for name, r in run.results.items())]
-    doubtful = [f"{name}: {audit}" for name, audit in audits if audit and not audit.kept]
-    doubtful += stages.warnings if strict else []
-    if doubtful:
-        raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
+    stages.end(out)
 
 
 def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
@@ -453,7 +446,7 @@ def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
     for warning in finding.warnings:
         run.stages.warn(warning.removesuffix("."))
     if result.audit is not None:
-        run.stages.detail(str(result.audit))
+        run.stages.say_audit(sensor.name, result.audit)
     checked = "" if result.audit is None else f", {result.audit.brief}"
     run.stages.found = f"{sentence_of(sensor, found)}{checked}"
     run.findings.append(finding)

@@ -11,9 +11,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from forest_addon.base.progress import Progress
+
+from .command import DoubtfulError
+
+if TYPE_CHECKING:
+    from forest_addon.sensing.audit import Audit
 
 WIDTH = 28
 MEANT = "did you mean"
@@ -47,10 +52,12 @@ class Stages:
     """Names and times the stages of a run; ``seconds`` keeps what each took, ``warnings`` what was said.
 
     ``found``, set within a stage, stands behind its time. verbose : say what an audit looked at as well.
+    strict : a warning is an error, at the end.
     """
 
-    def __init__(self, quiet: bool, verbose: bool = False) -> None:
-        self.quiet, self.verbose = quiet, verbose
+    def __init__(self, quiet: bool, verbose: bool = False, strict: bool = False) -> None:
+        self.quiet, self.verbose, self.strict = quiet, verbose, strict
+        self._doubts: list[str] = []
         self.found = ""
         self.warnings: list[str] = []
         self.seconds: dict[str, float] = {}
@@ -78,6 +85,22 @@ class Stages:
         """Print a line that few want to read, where it was asked for."""
         if self.verbose:
             self.say(f"  {text}")
+
+    def say_audit(self, name: str, audit: Audit) -> None:
+        """Say an audit; what it doubts is an error at the end."""
+        self.detail(str(audit))
+        self._doubts += [] if audit.kept else [f"{name}: {audit}"]
+
+    def end(self, out: Path) -> None:
+        """End a run whose results are all in a folder.
+
+        Raises
+        ------
+        DoubtfulError : an audit found an error beyond what was allowed, or ``strict`` and a warning.
+        """
+        doubtful = [*self._doubts, *(self.warnings if self.strict else ())]
+        if doubtful:
+            raise DoubtfulError(f"{'; '.join(doubtful)}; the results are kept in {out}")
 
     def tell(self, lines: Sequence[str]) -> None:
         """Print lines on what was read; one that asks for what was meant is a warning."""

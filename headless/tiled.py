@@ -36,7 +36,7 @@ from forest_addon.stand.forest import angle_table, tree_table
 from forest_addon.tiles import LEVELS, TileGrid, seconds_of_pulses
 
 from .catalogue import write_catalogue
-from .command import DoubtfulError, IncompleteError
+from .command import IncompleteError
 from .dataset.engine import Cluster, SceneOutcome, WorkerJob, make_all
 from .dataset.estimate import Estimate, Trial
 from .dataset.settings import Running
@@ -67,16 +67,10 @@ class TiledRun:
     scans: dict[str, TiledScan] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
-    doubtful: list[str] = field(default_factory=list)
 
     @property
     def folder(self) -> Path:
         return self.out / FOLDER
-
-    def say_audit(self, name: str, audit: Any) -> None:
-        """Say an audit; what it doubts is an error at the end."""
-        self.stages.detail(f"{name}: {audit}")
-        self.doubtful += [] if audit.kept else [f"{name}: {audit}"]
 
     def scan(self, sensor: Any, only: np.ndarray | None = None) -> TiledScan:
         """The scan of one of its scanners."""
@@ -130,7 +124,7 @@ def run_in_tiles(
     finished is kept. IncompleteError : a tile could not be made. DoubtfulError : an audit found an error
     beyond what was allowed, or ``strict`` and a warning; everything is written.
     """
-    stages = Stages(quiet)
+    stages = Stages(quiet, strict=strict)
     stages.say(f"{settings.name}, seed {settings.seed}, in tiles")
     out.mkdir(parents=True, exist_ok=True)
     with stages.stage("plan the field, grow variants"), hushed():
@@ -194,9 +188,7 @@ def run_in_tiles(
             if one.name.startswith(pieces):
                 one.unlink()
     stages.say(f"Done: {len(run.files)} files in {store or out}")
-    doubtful = [*run.doubtful, *(stages.warnings if strict else ())]
-    if doubtful:
-        raise DoubtfulError(f"{'; '.join(doubtful)}; the results are kept in {out}")
+    stages.end(out)
 
 
 @dataclass(frozen=True)
@@ -401,7 +393,7 @@ def _join(run: TiledRun, scan: TiledScan) -> None:
         audits = {scan.path(piece).stem: scan.audit(piece) for piece in drawn}
     audited = {}
     for name, audit in audits.items():
-        run.say_audit(name, audit)
+        run.stages.say_audit(name, audit)
         checks = [check.record() for check in audit.checks]  # no seconds: notes are the same
         audited[name] = {"kept": audit.kept, "checks": checks}
     path = run.out / f"{sensor.name}.laz"
@@ -430,7 +422,7 @@ def _look(run: TiledRun, sensor: Any) -> None:
             world = run.tiling.hearing(sensor)
         result = world.look(sensor, progress)
     if result.audit is not None:
-        run.say_audit(sensor.name, result.audit)
+        run.stages.say_audit(sensor.name, result.audit)
     for warning in result.warnings:
         run.stages.warn(warning)
     made = write_finding(run.out, result.sensor, result.found, Offset.of(run.tiling.scene))

@@ -194,7 +194,7 @@ def guess(recipe: Recipe) -> float:
             planting.expected if planting.expected is not None else (planting.density or 0) * area
         )
         seconds += TREE * trees + VARIANT * min(planting.variants, trees)
-    places = {one["sensor"]: one["count"] for one in recipe.places}
+    places = {one.sensor: one.count for one in recipe.places}
     for sensor in settings.sensors:
         with contextlib.suppress(Exception):  # a trajectory that only the scene knows
             cost = kind_of(sensor).cost(sensor, None, "embree")

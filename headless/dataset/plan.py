@@ -224,7 +224,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Recipe:
-    """One scene of a dataset, all that decides its bytes; as plain tables, so that it can be sent anywhere.
+    """One scene of a dataset, all that decides its bytes.
 
     scene : its settings as a scene file's table. folder : that file names in it start from.
     ground, places, keep : tables of the plan. library : how many trees of each species are shared, and their
@@ -237,9 +237,9 @@ class Recipe:
     base: str
     scene: dict[str, Any]
     folder: str
-    ground: dict[str, Any]
-    places: list[dict[str, Any]]
-    keep: dict[str, Any]
+    ground: Ground
+    places: list[Placing]
+    keep: Keep
     library: tuple[int, int] | None
     varied: dict[str, Any]
     digest: str = ""
@@ -435,9 +435,9 @@ def _recipe(plan: Plan, number: int, base: Base, drawn: dict[str, Any]) -> Recip
         base=base.name,
         scene=table_of(settings),
         folder=str(base.folder),
-        ground=asdict(own["terrain"]),
-        places=[asdict(one) for one in own["place"]],
-        keep=asdict(plan.keep),
+        ground=own["terrain"],
+        places=own["place"],
+        keep=plan.keep,
         library=library,
         varied=varied,
     )

@@ -64,7 +64,7 @@ from .disk import finish
 from .formats import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance
 from .place import FILE, heights_of, place_sensors
 from .plan import Recipe
-from .settings import Ground, Keep, Placing
+from .settings import Keep
 
 MOST_SEGMENT = 2**24 - 1  # that three bytes hold: two million trees
 AT_ONCE = 200_000  # rays
@@ -128,7 +128,7 @@ def make(
     OSError : a file cannot be read or written.
     """
     work = _Making(folder)
-    keep, home = Keep(**recipe.keep), Path(recipe.folder)
+    keep, home = recipe.keep, Path(recipe.folder)
     with work.stage("read"):
         site = ForestSite.read(recipe.settings(), home)
         if site.scene.blend:
@@ -202,7 +202,7 @@ def make(
 
 def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
     """The site on its ground with its sensors placed; the files that this takes are written."""
-    ground, site = Ground(**recipe.ground), with_objects(site)
+    ground, site = recipe.ground, with_objects(site)
     if ground.relief > 0:
         field = site.scene.forest
         heights, low, size = heights_of(ground, recipe.seed, field)
@@ -219,11 +219,10 @@ def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
             scene=site.scene.changed(forest=field.changed(terrain=floor)),
             inputs=replace(site.inputs, terrain=Heightmap(heights, low, size, FILE)),
         ).roughened()
-    rules = [Placing(**one) for one in recipe.places]
     stand = site.plan()
     low = [planting.species in LOW for planting in site.scene.plantings]
     stems = stand.position[~np.array([*low, False])[stand.species], :2]
-    settings, files = place_sensors(site.scene, rules, stems, site.ground)
+    settings, files = place_sensors(site.scene, recipe.places, stems, site.ground)
     for name, text in files.items():
         write_whole(folder / name, text)
     return replace(site, scene=settings)

@@ -52,7 +52,9 @@ from forest_addon.ui.settings import exchange, references as saved
 from forest_addon.ui.species.edit import relocated
 from headless.cli import main
 from headless.dataset import scene as dataset
+from headless.dataset.disk import begin
 from headless.dataset.plan import Recipe
+from headless.dataset.settings import Ground, Keep
 
 from .test_panels import drawn
 
@@ -459,16 +461,15 @@ def by_dataset(scene, folder):
         base="doors",
         scene=table_of(scene.changed(sensors=())),
         folder=str(folder),
-        ground={},
+        ground=Ground(),
         places=[],
-        keep={},
+        keep=Keep(),
         library=None,
         varied={},
     )
     recipe.scene["sensors"] = table_of(scene).get("sensors", [])
     out = folder / "dataset"
-    out.mkdir()
-    dataset.make(recipe, out, dataset.Session())
+    dataset.make(recipe, begin(out, 0), out, dataset.Session(), threads=1)
     return seen()
 
 

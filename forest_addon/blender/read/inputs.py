@@ -1,8 +1,4 @@
-"""Inputs of a stand from a Blender scene: the ground, painted weights, places of trees.
-
-Blender keeps numbers in single precision: 0.002 that was typed, or read from a scene file, comes back as
-0.0020000000949949026; ``shortest`` makes it 0.002 again.
-"""
+"""Inputs of a stand from a Blender scene: the ground, painted weights, places of trees."""
 
 from __future__ import annotations
 
