@@ -66,7 +66,7 @@ class Warm:
     def lend(self, patch):
         """Have commands of this process make their scenes by this worker."""
         patch.setattr(engine, "Worker", lambda: self)
-        patch.setattr(estimate, "Worker", lambda threads: _Lent(self.worker))
+        patch.setattr(estimate, "Worker", lambda: _Lent(self.worker))
 
     def run(self, *words):
         """The command in this process, its scenes made by this worker."""
