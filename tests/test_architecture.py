@@ -112,7 +112,7 @@ BUDGETS = {
     "headless": (1665, 13),
     "headless/accuracy": (575, 3),
     "headless/commands": (1299, 17),
-    "headless/dataset": (2405, 13),
+    "headless/dataset": (2398, 13),
     "headless/report": (506, 3),
     "studies": (158, 5),
     "studies/bench": (1522, 17),
