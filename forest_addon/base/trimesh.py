@@ -39,7 +39,7 @@ class Edges:
 class TriMesh:
     """Triangles with a part, a leaf number and a material slot each.
 
-    vertices : (V, 3) float64, metres.
+    vertices : (V, 3) float64, metres; those given in float32, as Blender has them, are kept so (``points``).
     triangles : (T, 3) int32, indices into ``vertices``.
     part : (T,) int8, ``OTHER``, ``WOOD``, ``LEAF``, ``GROUND`` or ``DEAD``.
     leaf : (T,) int32, the leaf a triangle belongs to, -1 where it is no leaf.
@@ -77,6 +77,12 @@ class TriMesh:
             material=np.full(count, material, dtype=np.int32),
         )
 
+    @property
+    def points(self) -> np.ndarray:
+        """(V, 3) vertices as they are kept: in float64, or in float32 with a row more behind them."""
+        points: np.ndarray = vars(self)["vertices"]
+        return points
+
     def known_edges(self) -> Edges | None:
         """The edges, made now where they were left for later."""
         return self.edges() if callable(self.edges) else self.edges
@@ -106,7 +112,7 @@ class TriMesh:
         triangles = self.triangles[keep]
         used = distinct(triangles)
         return TriMesh(
-            vertices=self.vertices[used],
+            vertices=self.points[used],
             triangles=np.searchsorted(used, triangles).astype(np.int32),
             part=self.part[keep],
             leaf=self.leaf[keep],
@@ -114,6 +120,17 @@ class TriMesh:
             uv=None if self.uv is None else self.uv[keep],
             order=None if self.order is None else self.order[keep],
         )
+
+
+def _keep(mesh: TriMesh, vertices: np.ndarray) -> None:
+    if vertices.dtype == np.float32:  # Embree reads them where they are, 16 bytes at a time
+        vertices = np.concatenate([vertices, np.zeros((1, 3), np.float32)])[:-1]
+    vars(mesh)["vertices"] = vertices
+
+
+TriMesh.vertices = property(  # type: ignore[assignment]
+    lambda mesh: mesh.points.astype(np.float64, copy=False), _keep
+)
 
 
 def join(meshes: Sequence[TriMesh]) -> TriMesh:

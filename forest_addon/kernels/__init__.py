@@ -64,10 +64,9 @@ class CastScene(ctypes.Structure):
         ("pieces", ctypes.c_int64),
         ("piece", ctypes.c_void_p),
         ("transform", ctypes.c_void_p),
-        ("first", ctypes.c_void_p),
         ("triangle", ctypes.c_void_p),
+        ("vertex", ctypes.c_void_p),
         ("single", ctypes.c_void_p),
-        ("exact", ctypes.c_void_p),
     )
 
 

@@ -57,14 +57,16 @@ static int normalise(const double *direction, double *way)
 static double meet(const struct cast_scene *scene, const struct ray *ray, double *normal)
 {
     const double *place = ray->place;
-    const int32_t *row = scene->triangle + 3 * (scene->first[ray->instance] + ray->triangle);
+    const int32_t *row = scene->triangle[ray->instance] + 3 * ray->triangle;
+    const void *vertices = scene->vertex[ray->instance];
+    int single = scene->single[ray->instance];
     double corner[3][3], u[3], v[3], foot[3], n[3];
     double at, second, third, distance, length;
     for (int k = 0; k < 3; k++) {
         int64_t vertex = 3 * (int64_t)row[k];
         double own[3];
         for (int a = 0; a < 3; a++)
-            own[a] = scene->single ? scene->single[vertex + a] : scene->exact[vertex + a];
+            own[a] = single ? ((const float *)vertices)[vertex + a] : ((const double *)vertices)[vertex + a];
         for (int a = 0; a < 3; a++)
             corner[k][a] = dot(place + 4 * a, own);
     }

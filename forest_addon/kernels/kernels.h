@@ -47,7 +47,7 @@ KERNEL const char *kernels_sources(void);
 /* Embree's rtcIntersect1. */
 typedef void (*intersect1)(void *tree, void *ray, void *arguments);
 
-/* A scene of I instances of meshes with T triangles and V vertices in all. */
+/* A scene of I instances of meshes. */
 struct cast_scene {
     void *tree;               /* Embree's scene of the instances, by number, about the centre */
     intersect1 intersect;     /* of the library that made it */
@@ -58,10 +58,9 @@ struct cast_scene {
     int64_t pieces;           /* straight between so many knots, and these are its size and */
     const int64_t *piece;     /* (pieces) the instances */
     const double *transform;  /* (I, 3, 4) local to world; of an array (steps, pieces, 3, 4) */
-    const int64_t *first;     /* (I) row of triangle where the instance's mesh begins */
-    const int32_t *triangle;  /* (T, 3) rows of the vertices */
-    const float *single;      /* (V, 3) vertices where float32 holds them exactly; else NULL, and */
-    const double *exact;      /* (V, 3) here */
+    const int32_t *const *triangle; /* (I) of each instance's mesh the triangles (T, 3), rows of */
+    const void *const *vertex;      /* (I) its vertices (V, 3), */
+    const uint8_t *single;          /* (I) which are float32 where this is 1, else double */
 };
 
 /* Finds the closest hit of each ray, as RayCaster in forest_addon/sensing/rays/caster.py promises it.

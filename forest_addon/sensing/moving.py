@@ -21,7 +21,7 @@ from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
 from .rays.caster import Hits, hit_normals
 from .rays.geometry import OF_MESHES, SceneGeometry
-from .rays.paths import SceneMotion, ShapePath, corners_at_rest
+from .rays.paths import SceneMotion, ShapePath
 
 KNOTS = 32  # a second
 SPAN = 4  # knots of a window, for which pieces are placed together
@@ -91,8 +91,6 @@ class MovingScene:
             np.concatenate([np.arange(self.count), self.pieces.owner]),
             mesh_index=np.concatenate([index, empty + 1 + self.pieces.mesh]),
         )
-        if like is not None and len(like.scene.meshes) == len(self.scene.meshes):
-            self.scene.share_table(like.scene.table)
         index = index.copy()
         index[self.motion.rows] = empty
         self.still = _surfaces(whole, (*whole.meshes, EMPTY), index)
@@ -191,7 +189,7 @@ class MovingScene:
             shares = np.column_stack([1 - share.sum(axis=1), share])
             rates = self.motion.corners(self.scene, *asked, rates=True)
             rate[bends] = np.einsum("rk,rki->ri", shares, rates)
-            stood[bends] = np.einsum("rk,rki->ri", shares, corners_at_rest(self.scene, *asked[:2]))
+            stood[bends] = np.einsum("rk,rki->ri", shares, self.scene.corners(*asked[:2]))
         if self.motion.stands_for is not None:
             stood[self.motion.stands_for[instance] != instance] = np.nan
         return rate, stood

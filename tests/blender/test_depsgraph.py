@@ -554,6 +554,18 @@ def tree():
     return grow(species, None, stream(3, "tree", "plain", 0)).mesh
 
 
+def test_places_that_are_read_are_held_as_blender_has_them(empty_blender, tree):
+    back = from_mesh(to_mesh("tree", tree))
+    assert back.points.dtype == np.float32
+    assert back.vertices.dtype == np.float64
+    assert np.array_equal(back.vertices, tree.vertices.astype(np.float32))
+    some = back.select(back.part == LEAF)
+    assert some.points.dtype == np.float32
+    assert np.array_equal(
+        some.vertices[some.triangles], back.vertices[back.triangles[back.part == LEAF]]
+    )
+
+
 @pytest.mark.parametrize("changed", [False, True])
 def test_what_is_read_as_it_was_written_is_held_once(empty_blender, tree, changed):
     data = to_mesh("tree", tree)

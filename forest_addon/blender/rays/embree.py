@@ -144,9 +144,8 @@ class EmbreeSearch(Search):
     def _describe(self, places: np.ndarray, piece: np.ndarray | None = None) -> None:
         """Describe the scene to the kernel. places : (I, 3, 4) of instances; of an array of Embree's
         (K, P, 3, 4) at knots. piece : (P,) the instances of that."""
-        table, point = self._surfaces.table, ctypes.c_double * 3
-        single = table.vertices.dtype == np.float32
-        places = np.ascontiguousarray(places)
+        point, places = ctypes.c_double * 3, np.ascontiguousarray(places)
+        triangle, vertex, single, _ = self.scene.arrays
         self._arrays = places, piece  # which the kernel reads where they are
         self._described = CastScene(
             tree=self._top,
@@ -159,10 +158,9 @@ class EmbreeSearch(Search):
             pieces=0 if piece is None else len(piece),
             piece=None if piece is None else piece.ctypes.data,
             transform=places.ctypes.data,
-            first=self._surfaces.first.ctypes.data,
-            triangle=table.triangles.ctypes.data,
-            single=table.vertices.ctypes.data if single else None,
-            exact=None if single else table.vertices.ctypes.data,
+            triangle=triangle.ctypes.data,
+            vertex=vertex.ctypes.data,
+            single=single.ctypes.data,
         )
 
     def _knot(self, time: np.ndarray) -> np.ndarray:
@@ -271,7 +269,7 @@ class EmbreeCaster(EmbreeSearch):
         there = like._of_mesh if like else {}
         trees = {m: there[k] for m, k in self._same.items() if k in there}
         self._of_mesh = of_mesh = {
-            m: trees[m] if m in trees else build.mesh(scene.meshes[m], scene.table.short(m))
+            m: trees[m] if m in trees else build.mesh(scene.meshes[m])
             for m in distinct(scene.mesh_index[known]).tolist()
         }
         place = scene.transform.copy()
@@ -321,15 +319,12 @@ class EmbreeBuild:
         # The parent is held by what releases this, so that it goes after it, also in a collected circle.
         weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
-    def mesh(self, mesh: TriMesh, points: np.ndarray | None = None) -> int:
-        """A scene of a mesh's triangles, in its local space.
-
-        points : its vertices in float32, where they are kept already, with one row more behind them.
-        """
+    def mesh(self, mesh: TriMesh) -> int:
+        """A scene of a mesh's triangles, in its local space."""
         triangles = collapsed(mesh.triangles, whole_triangles(mesh))
-        if points is None or not np.isfinite(points.sum()):
+        if mesh.points.dtype != np.float32 or not np.isfinite(mesh.points.sum()):
             return self.shape(mesh.vertices[None], triangles)
-        return self._of_triangles(points, 1, triangles)
+        return self._of_triangles(mesh.points, 1, triangles)
 
     def shape(self, vertices: np.ndarray, triangles: np.ndarray) -> int:
         """A scene of triangles (T, 3) in their local space.

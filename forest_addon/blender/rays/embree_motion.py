@@ -23,7 +23,7 @@ from ...sensing.moving import MovingScene, PieceWindow
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits, unit_columns
 from ...sensing.rays.exact import meet, put_nearest
-from ...sensing.rays.paths import RigidPath, corners_at_rest
+from ...sensing.rays.paths import RigidPath
 from ...sensing.rays.search import whole_triangles
 from .embree import EmbreeBuild, EmbreeCaster, EmbreeSearch, collapsed
 
@@ -215,9 +215,7 @@ class EmbreeMotion:
         if index in self.still._of_mesh:
             return self.still._of_mesh[index]
         if index not in self._trees:
-            self._trees[index] = self._holder.mesh(
-                self._mesh(number), self.moving.scene.table.short(index)
-            )
+            self._trees[index] = self._holder.mesh(self._mesh(number))
         return self._trees[index]
 
     def _window(self, block: int, stretch: int) -> KeyedParts:
@@ -323,7 +321,7 @@ class SwayingPieces(EmbreeSearch):
         row, piece, triangle = cut.copies(hits.instance[rows] - count, hits.triangle[rows])
         there = np.isin(piece, self._window.piece)
         of, instance, triangle = rows[row[there]], count + piece[there], triangle[there]
-        own = corners_at_rest(self._moving.scene, instance, triangle)
+        own = self._moving.scene.corners(instance, triangle)
         place = np.searchsorted(self._number, instance)
         at = self._window.at(place, self._knot(when[of]))[0]
         corners = np.einsum("rij,rkj->rki", at[:, :, :3], own)

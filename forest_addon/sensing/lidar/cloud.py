@@ -71,12 +71,10 @@ def cosines(normal: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 def organs(scene: SceneGeometry, hits: Hits) -> np.ndarray:
     """(R,) int8 parts of what was hit, ``ESCAPED`` where nothing was."""
-    if not len(scene.table.part):
+    if not len(scene.part):
         return np.full(len(hits.found), ESCAPED, dtype=np.int8)
-    first = np.append(
-        scene.table.starts[scene.mesh_index], 0
-    )  # a miss has instance and triangle -1
-    part = scene.table.part.take(first.take(hits.instance) + hits.triangle)
+    first = np.append(scene.starts[scene.mesh_index], 0)  # a miss has instance and triangle -1
+    part = scene.part.take(first.take(hits.instance) + hits.triangle)
     return np.where(hits.found, part, np.int8(ESCAPED))
 
 

@@ -133,13 +133,10 @@ def hit_normals(
         return hits.normal
     normals = np.full((len(hits.distance), 3), np.nan)
     met = np.flatnonzero(hits.found)
-    table = scene.table
     for first in range(0, len(met), ROWS):
         part = met[first : first + ROWS]
         instance = hits.instance[part]
-        a, b, c = table.corners(
-            table.starts[scene.mesh_index[instance]] + hits.triangle[part]
-        ).swapaxes(0, 1)
+        a, b, c = scene.corners(instance, hits.triangle[part]).transpose(1, 2, 0)
         stood = scene.transform[instance] if transform is None else transform[part]
         m = stood.reshape(-1, 12).T.copy()
         u, v = _turned(m, b - a), _turned(m, c - a)

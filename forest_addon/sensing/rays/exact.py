@@ -181,7 +181,8 @@ def grouped(low: np.ndarray, high: np.ndarray) -> list[Level]:
 
 def _corners(mesh: TriMesh, triangle: np.ndarray | slice) -> tuple[np.ndarray, ...]:
     """Corners (K, 3), three of them, of triangles (K,)."""
-    return tuple(mesh.vertices[mesh.triangles[triangle, k]] for k in range(3))
+    of_corner = (mesh.points[mesh.triangles[triangle, k]] for k in range(3))
+    return tuple(corner.astype(np.float64, copy=False) for corner in of_corner)
 
 
 def meet(

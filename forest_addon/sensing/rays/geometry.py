@@ -76,13 +76,38 @@ class SceneGeometry:
         return len(self.mesh_index)
 
     @cached_property
-    def table(self) -> TriangleTable:
-        """The triangles of all meshes, made when they are first asked for."""
-        return TriangleTable(self.meshes)
+    def starts(self) -> np.ndarray:
+        """(M,) number of each mesh's first triangle, where all stand one after the other."""
+        return np.cumsum([0, *(len(mesh.triangles) for mesh in self.meshes)])[:-1]
 
-    def share_table(self, table: TriangleTable) -> None:
-        """Take the table of a scene with the same meshes, unless there is one."""
-        vars(self).setdefault("table", table)
+    @cached_property
+    def part(self) -> np.ndarray:
+        """(T,) int8 parts of the triangles of all meshes."""
+        return np.concatenate([np.empty(0, np.int8), *(mesh.part for mesh in self.meshes)])
+
+    @cached_property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Arrays of each instance's mesh where they are: (I,) addresses of its triangles, int32, and of its
+        points; (I,) bool, whether these are float32, else float64; and what is there."""
+        whole = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in self.meshes]
+        points = [np.ascontiguousarray(mesh.points) for mesh in self.meshes]
+        single = np.array([of.dtype == np.float32 for of in points], dtype=bool)
+        triangles, places = (
+            np.array([each.ctypes.data for each in arrays], np.uintp) for arrays in (whole, points)
+        )
+        index = self.mesh_index
+        return triangles[index], places[index], single[index], [*whole, *points]
+
+    def corners(self, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+        """(R, 3, 3) corners of triangles (R,) of instances (R,), each in its mesh's own space, m."""
+        corners = np.empty((len(instance), 3, 3))
+        mesh_of = self.mesh_index[instance]
+        order = np.argsort(mesh_of, kind="stable")
+        cuts = np.flatnonzero(np.diff(mesh_of[order], prepend=-1))
+        for rows in np.split(order, cuts)[1:]:
+            mesh = self.meshes[mesh_of[rows[0]]]
+            corners[rows] = mesh.points.take(mesh.triangles.take(triangle[rows], 0), 0)
+        return corners
 
     def reflectance_at(
         self, instance: np.ndarray, triangle: np.ndarray, otherwise: float
@@ -90,21 +115,19 @@ class SceneGeometry:
         """(R,) reflectance of what was hit: of its material, else of its object, else ``otherwise``."""
         reflectance = np.append(self.reflectance, np.nan).take(instance)  # a miss is -1
         if self._of_material is not None:
-            first = np.append(self.table.starts[self.mesh_index], 0)
+            first = np.append(self.starts[self.mesh_index], 0)
             own = self._of_material.take(first.take(instance) + triangle)
             reflectance = np.where(np.isnan(own) | (instance < 0), reflectance, own)
         return np.where(np.isnan(reflectance), otherwise, reflectance)
 
     @cached_property
     def _of_material(self) -> np.ndarray | None:
-        """(T,) reflectance that materials say of the table's triangles; None where none says any."""
+        """(T,) reflectance that materials say of all triangles; None where none says any."""
         says = any(np.isfinite(slots).any() for slots in self.slot_reflectance)
-        if not says or not len(self.table.part):
+        if not says or not len(self.part):
             return None
-        said = np.full(len(self.table.part), np.nan)
-        for mesh, slots, first in zip(
-            self.meshes, self.slot_reflectance, self.table.starts, strict=True
-        ):
+        said = np.full(len(self.part), np.nan)
+        for mesh, slots, first in zip(self.meshes, self.slot_reflectance, self.starts, strict=True):
             if len(slots):
                 own = slots[np.clip(mesh.material, 0, len(slots) - 1)]
                 said[first : first + len(own)] = own
@@ -180,10 +203,11 @@ def boxes_of(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     kept: dict[int, tuple[np.ndarray, np.ndarray]] = vars(mesh).setdefault("_boxes", {})
     if count in kept:
         return kept[count]
-    counts = np.zeros(len(mesh.vertices), dtype=bool)
+    used = mesh.vertices
+    counts = np.zeros(len(used), dtype=bool)
     counts[mesh.triangles.ravel()] = True
-    counts &= np.isfinite(mesh.vertices.sum(axis=1))
-    used = mesh.vertices if counts.all() else mesh.vertices[counts]
+    counts &= np.isfinite(used.sum(axis=1))
+    used = used if counts.all() else used[counts]
     kept[count] = used, used
     if len(used):
         first = np.unique(np.linspace(0, len(used), count, endpoint=False).astype(np.int64))
@@ -209,49 +233,6 @@ def invert_transforms(transform: np.ndarray) -> np.ndarray:
         "nij,nj->ni", inverse[regular, :, :3], transform[regular, :, 3]
     )
     return inverse
-
-
-# All triangles of a scene's meshes in one table, so that what was hit is looked up in one step.
-
-
-class TriangleTable:
-    """Triangles of meshes, one mesh after the other.
-
-    starts : (M,) number of each mesh's first triangle. triangles : (T, 3) int32, rows of ``vertices``.
-    vertices : (V, 3), in each mesh's space; float32 where that holds them all exactly, as Blender does.
-    part : (T,) int8.
-    """
-
-    def __init__(self, meshes: tuple[TriMesh, ...]) -> None:
-        triangles = [len(mesh.triangles) for mesh in meshes]
-        vertices = [len(mesh.vertices) for mesh in meshes]
-        self.starts = np.cumsum([0, *triangles])[:-1]
-        with np.errstate(over="ignore", invalid="ignore"):  # what is no number need not be kept
-            points = (mesh.vertices for mesh in meshes)
-            short = all((each.astype(np.float32) == each).all() for each in points)
-        self._corners = np.cumsum([0, *vertices])
-        room = np.zeros((self._corners[-1] + 1, 3), dtype=np.float32 if short else np.float64)
-        self.vertices = room[:-1]
-        self.triangles = np.empty((sum(triangles), 3), dtype=np.int32)
-        self.part = np.empty(sum(triangles), dtype=np.int8)
-        for number, mesh in enumerate(meshes):
-            corner, face = int(self._corners[number]), int(self.starts[number])
-            self.vertices[corner : corner + len(mesh.vertices)] = mesh.vertices
-            faces = slice(face, face + len(mesh.triangles))
-            np.add(mesh.triangles, corner, out=self.triangles[faces])
-            self.part[faces] = mesh.part
-
-    def short(self, mesh: int) -> np.ndarray | None:
-        """(V, 3) vertices of a mesh in float32, with a row more behind them; None where that does not hold
-        them."""
-        if self.vertices.dtype != np.float32:
-            return None
-        return self.vertices[self._corners[mesh] : self._corners[mesh + 1]]
-
-    def corners(self, number: np.ndarray) -> np.ndarray:
-        """(3, 3, R) float64: of each coordinate and each corner, those of triangles (R,) of the table."""
-        corners = self.vertices.take(self.triangles.take(number, 0), 0)
-        return corners.transpose(2, 1, 0).astype(np.float64, order="C")
 
 
 # Precision of a scene's places: Blender keeps coordinates in float32.

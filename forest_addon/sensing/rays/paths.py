@@ -291,7 +291,7 @@ class SceneMotion:
         corners = np.zeros((len(instance), 3, 3))
         if not rates:
             rest = np.flatnonzero(~self.bends(instance))
-            corners[rest] = corners_at_rest(scene, instance[rest], triangle[rest])
+            corners[rest] = scene.corners(instance[rest], triangle[rest])
         for number, shape in self.shapes.items():
             of_number = np.flatnonzero(instance == number)
             if len(of_number):
@@ -304,16 +304,6 @@ class SceneMotion:
     def bends(self, instance: np.ndarray) -> np.ndarray:
         """(R,) bool, which of these instances change their shape."""
         return np.isin(instance, list(self.shapes))
-
-
-def corners_at_rest(scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-    """(R, 3, 3) own corners of triangles of instances (R,) as the scene stands, m."""
-    corners = np.empty((len(instance), 3, 3))
-    mesh_of = scene.mesh_index[instance]
-    for number in distinct(mesh_of).tolist():
-        of_mesh, mesh = np.flatnonzero(mesh_of == number), scene.meshes[number]
-        corners[of_mesh] = mesh.vertices[mesh.triangles[triangle[of_mesh]]]
-    return corners
 
 
 def _evenly(time: np.ndarray) -> bool:

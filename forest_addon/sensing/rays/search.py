@@ -17,7 +17,7 @@ import numpy as np
 
 from ...base.trimesh import TriMesh
 from .caster import ROWS, Hits, RayCaster, unit_columns
-from .geometry import SceneGeometry, TriangleTable
+from .geometry import SceneGeometry
 
 TASK = 4096  # rays; a multiple of 16, so that packets do not depend on the number of threads
 MARGIN = 1e-3  # metres before min_distance where a search begins
@@ -40,8 +40,6 @@ class Search(RayCaster, ABC):
         # Which mesh of the other search's scene each mesh is, of those that are in both.
         known = {} if like is None else {id(mesh): n for n, mesh in enumerate(like.scene.meshes)}
         self._same = {n: known[id(m)] for n, m in enumerate(scene.meshes) if id(m) in known}
-        if like is not None and [*map(id, scene.meshes)] == [*known]:
-            scene.share_table(like.scene.table)
         self._surfaces = RefinedSurfaces(scene)
 
     @abstractmethod
@@ -177,9 +175,7 @@ class RefinedSurfaces:
     """The planes of all triangles of a scene."""
 
     def __init__(self, scene: SceneGeometry) -> None:
-        self.table: TriangleTable = scene.table
-        self._transform = scene.transform
-        self.first = self.table.starts[scene.mesh_index]  # triangle, by instance
+        self._scene = scene
 
     def meet(
         self,
@@ -200,12 +196,11 @@ class RefinedSurfaces:
         far away, or never: the distance is kept within that of the triangle's corners.
         """
         if transform is None:
-            transform = self._transform[instance]
+            transform = self._scene.transform[instance]
         m = transform.reshape(-1, 3, 4, 1).transpose(1, 2, 3, 0)  # to, from, 1, R
         if corners is None:
-            corner = self.table.corners(self.first.take(instance) + triangle)
-        else:
-            corner = corners.transpose(2, 1, 0)  # (of space, of triangle, R)
+            corners = self._scene.corners(instance, triangle)
+        corner = np.ascontiguousarray(corners.transpose(2, 1, 0))  # (of space, of triangle, R)
         space = m[:, 0] * corner[0] + m[:, 1] * corner[1] + m[:, 2] * corner[2]
         u, v = space[:, 1] - space[:, 0], space[:, 2] - space[:, 0]
         normal = u[[1, 2, 0]] * v[[2, 0, 1]] - u[[2, 0, 1]] * v[[1, 2, 0]]
@@ -224,11 +219,11 @@ def whole_triangles(mesh: TriMesh) -> np.ndarray:
     Corners must be finite, the height over the longest side more than ``FLAT`` steps of a float32: whoever
     searches in single precision finds what is thinner all along its line, before what is really there.
     """
-    whole = np.empty(len(mesh.triangles), dtype=bool)
+    whole, vertices = np.empty(len(mesh.triangles), dtype=bool), mesh.vertices
     with np.errstate(invalid="ignore", over="ignore"):
         for first in range(0, len(whole), ROWS):
             part = slice(first, first + ROWS)
-            corner = np.ascontiguousarray(mesh.vertices[mesh.triangles[part]].T)  # (3, corner, N)
+            corner = np.ascontiguousarray(vertices[mesh.triangles[part]].T)  # (3, corner, N)
             u, v, w = (corner[:, k] - corner[:, n] for k, n in ((1, 0), (2, 0), (2, 1)))
             normal = u[[1, 2, 0]] * v[[2, 0, 1]] - u[[2, 0, 1]] * v[[1, 2, 0]]
             longest = np.sqrt(np.maximum.reduce([_dot(side, side) for side in (u, v, w)]))

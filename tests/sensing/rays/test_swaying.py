@@ -219,7 +219,7 @@ def test_labels_go_with_pieces(parts):
 
 def test_what_stands_still_holds_nothing_of_trees_that_sway():
     """Tables of what moves hold all that sways: held twice, it would take the memory of all leaves."""
-    assert len(MovingScene(scene(plate()), sway=Lean()).still.table.triangles) == 1  # the wall
+    assert len(MovingScene(scene(plate()), sway=Lean()).still.part) == 1  # the wall
 
 
 def test_the_copies_of_a_triangle_at_a_seam_are_known_to_each_other():
