@@ -42,6 +42,9 @@ from ..surveys import scan_survey, write_like
 OF_LIKE, OF_SURVEY = ("trajectory", "trees", "species"), ("assets", "reference", "echoes")
 OWN = ("blend", "at", "along", "azimuth", "set", "resume", "chunk")
 
+UP = {".obj": "Y", ".glb": "Y", ".gltf": "Y", ".ply": "Z", ".stl": "Z"}  # as importers take it
+TALLEST, SMALLEST = 150.0, 0.3  # metres, of a tree or a plot of trees
+
 
 def run(chosen: argparse.Namespace) -> None:
     """Scan a .blend file or run a survey, or write the scene of a cloud, or list the scanners.
@@ -207,7 +210,7 @@ def scan_blend(
         from forest_addon.blender.sensors.observe import Observer
     try:
         with stages.stage(f"open {blend.name}"), hushed(errors=True):
-            open_file(blend)
+            metres = open_file(blend)
         for lost in lost_materials(blend):
             stages.warn(lost)
         with stages.stage("read evaluated scene"):
@@ -217,6 +220,12 @@ def scan_blend(
                     str(blend), "has nothing to scan: no visible object of its scene has faces"
                 )
             caster = observer.caster
+        if blend.suffix.lower() != ".blend":
+            low, high = observer.geometry.bounds()
+            size, doubt = size_of(blend, metres, np.fmin.reduce(low), np.fmax.reduce(high))
+            stages.say(f"  {size}")
+            if doubt:
+                stages.warn(doubt)
         if observer.warning:
             stages.warn(observer.warning)
         way = observer.way(sensor)
@@ -257,3 +266,25 @@ def scan_blend(
     finally:
         with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
             empty_file()
+
+
+def size_of(path: Path, metres: float, low: np.ndarray, high: np.ndarray) -> tuple[str, str]:
+    """Say how a file of meshes was read and how large it is, and what of that is doubtful: else "".
+
+    metres : of a unit of the file. low, high : (3,) m, corners of all that it shows.
+    """
+    east, north, height = high - low
+    unit = "metres" if metres == 1 else f"units of {metres:g} m"
+    up = UP.get(path.suffix.lower(), "")
+    told = [f"{length:,.0f}" if length >= 100 else f"{length:.3g}" for length in high - low]
+    size = "{} by {} m, {} m high".format(*told)
+    said = f"{path.name}: read in {unit}, {f'{up} up' if up else 'up as it says'}: {size}"
+    wide = max(east, north)
+    doubt = ""
+    if max(wide, height) < SMALLEST or (height > TALLEST and height > wide / 4):
+        doubt = "no size of a tree or a plot: if its unit is another, scale it"
+    elif up and low[2] < -height / 4 and height > wide / 4:
+        other = "Z" if up == "Y" else "Y"
+        doubt = f"{-low[2]:.3g} m of it lie below 0: if it has {other} up, turn it"
+    mend = "in Blender (Import has Scale and Up), save a .blend and scan that"
+    return said, f"{path.name}: {size}, {doubt} {mend}" if doubt else ""

@@ -71,6 +71,40 @@ def test_a_scene_of_ones_own(lidar, park, tmp_path):
     assert len(np.unique(las["object"])) == 2  # ground, and the sphere in front
 
 
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    "ending, corners, size, doubt",
+    [
+        ("obj", ((-2, 0, -1.6), (2, 20, 1.6)), "metres, Y up: 4 by 3.2 m, 20 m high", None),
+        ("obj", ((-2, -4, 0), (2, 4, 20)), "metres, Y up: 4 by 20 m, 8 m high", "if it has Z up, turn"),
+        ("obj", ((0, 0, 0), (300, 900, 300)), "metres, Y up: 300 by 300 m, 900 m", "its unit is another"),
+        ("ply", ((-2, -1.6, 0), (2, 1.6, 20)), "metres, Z up: 4 by 3.2 m, 20 m high", None),
+        ("ply", ((-2, -4, -4), (2, 20, 4)), "metres, Z up: 4 by 24 m, 8 m high", "if it has Y up, turn"),
+        ("ply", ((0, 0, 0), (0.004, 0.004, 0.02)), "metres, Z up: 0.004 by", "its unit is another"),
+        ("ply", ((0, 0, -200), (9000, 9000, 400)), "metres, Z up: 9,000 by", None),
+    ],
+)  # fmt: skip
+def test_a_mesh_is_said_to_lie_and_be_as_large_as_it_was_read(
+    lidar, tmp_path, ending, corners, size, doubt
+):
+    box = np.array([[corners[k >> a & 1][a] for a in range(3)] for k in range(8)])
+    faces = [(0, 1, 3), (0, 3, 2), (4, 7, 5), (4, 6, 7), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)]
+    if ending == "obj":
+        lines = [f"v {x} {y} {z}" for x, y, z in box]
+        lines += ["f " + " ".join(str(1 + n) for n in face) for face in faces]
+    else:
+        lines = ["ply", "format ascii 1.0", "element vertex 8"]
+        lines += [f"property float {axis}" for axis in "xyz"]
+        lines += ["element face 8", "property list uchar int vertex_indices", "end_header"]
+        lines += [f"{x} {y} {z}" for x, y, z in box] + ["3 " + " ".join(map(str, f)) for f in faces]
+    mesh = tmp_path / f"mine.{ending}"
+    mesh.write_text("\n".join(lines) + "\n")
+    said = lidar(mesh, *SCAN, "--set", "angle_step_deg=10", "--out", tmp_path / "a.laz").stderr
+    assert f"mine.{ending}: read in {size}" in said
+    assert ("save a .blend" in said) == (doubt is not None)
+    assert doubt is None or doubt in said
+
+
 def killed_while(park, out, *more):
     """Start a scan, wait until some of it is on disk, and kill it as a power cut would.
 
