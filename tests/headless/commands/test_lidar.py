@@ -73,7 +73,7 @@ def test_a_scene_of_ones_own(lidar, park, tmp_path):
 
 @pytest.mark.medium
 @pytest.mark.parametrize(
-    "ending, corners, size, doubt",
+    ("ending", "corners", "size", "doubt"),
     [
         ("obj", ((-2, 0, -1.6), (2, 20, 1.6)), "metres, Y up: 4 by 3.2 m, 20 m high", None),
         ("obj", ((-2, -4, 0), (2, 4, 20)), "metres, Y up: 4 by 20 m, 8 m high", "if it has Z up, turn"),
