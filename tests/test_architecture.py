@@ -111,7 +111,7 @@ BUDGETS = {
     "forest_addon/ui": (5284, 36),
     "headless": (1665, 13),
     "headless/accuracy": (575, 3),
-    "headless/commands": (1299, 17),
+    "headless/commands": (1323, 17),
     "headless/dataset": (2398, 13),
     "headless/report": (506, 3),
     "studies": (158, 5),
