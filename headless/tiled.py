@@ -221,17 +221,17 @@ class TileJob(WorkerJob):
         rays = self.scene.rays.changed(threads=self.threads)
         start = time.process_time()
         scene, folder, out = self.scene.changed(rays=rays), self.folder, self.out
-        said = repr((scene, folder, out, self.sensors))  # scans are planned once in a process
-        if said not in _known:
-            _known.clear()
+
+        def plan() -> list[TiledScan]:
             if self.store is not None:
                 fetch(self.store / FOLDER, out / FOLDER, ".npz")
             with hushed():
                 empty_file()
                 tiling = Tiling.of(scene, folder, out / FOLDER / PLAN)
                 run = TiledRun(scene, folder, tiling, out, Stages(True))
-            _known[said] = [run.scan(s) for s in scene.sensors if s.name in self.sensors]
-        scans = _known[said]
+            return [run.scan(s) for s in scene.sensors if s.name in self.sensors]
+
+        scans = session.planned.once(repr((scene, folder, out, self.sensors)), plan)
         planned = time.process_time()
         make_piece(scans, self.number, self.cuts, self.store)
         return {"plan": planned - start, "sensors": time.process_time() - planned}
@@ -239,9 +239,6 @@ class TileJob(WorkerJob):
     def smaller(self) -> TileJob | None:
         """See ``WorkerJob``."""
         return replace(self, cuts=2 * self.cuts) if self.cuts < MOST_CUTS else None
-
-
-_known: dict[str, list[TiledScan]] = {}  # the scans that this process plans, by what they are of
 
 
 def make_piece(

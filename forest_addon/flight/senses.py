@@ -294,6 +294,6 @@ def odometry(
     return np.clip(told, -FARTHEST, FARTHEST, out=told)
 
 
-def generator(seed: int, flyer: int = 0) -> np.random.Generator:
+def generator(seed: int) -> np.random.Generator:
     """The chances of one flyer's episode."""
-    return stream(seed, "flight", flyer)
+    return stream(seed, "flight", 0)

@@ -1,6 +1,6 @@
 """Flyers in a world: they start, sense, decide elsewhere, move, and touch something or arrive.
 
-All N flyers move at a time; each has its own chances (``generator(seed, number)``), so that its flight does
+All N flyers move at a time; each has its own chances (``generator(seed)``), so that its flight does
 not depend on the others. On each straight piece of a
 step what comes first counts: the touch ends a flight, arriving ends it too, wherever along the piece.
 """

@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 
-from ..base.labels import Labels
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ..drawing.strips import Plot
 from ..sensing.kind import Seen
@@ -136,7 +135,7 @@ class ResultKind:
     doubts : what a user should be warned of, as a tolerance that was not reached.
     files : what a run's files are called after the sensor's name; "": it may be a folder.
     write : the files of a run in a folder, with the offset of the scene; the one of the data first.
-    saves : how it is exported, by the ending of the file, the usual one first; labels are of points.
+    saves : how it is exported, by the ending of the file, the usual one first.
     plot : a picture of it; None: there is nothing to draw. points : it as points in the scene; None: it has
         none. is_cloud : points are all that it is. marks : what sounded where, to show in the scene.
     sound : samples (N, C) and rate in Hz, as it is played; None: it is silent. is_response : other sounds are
@@ -154,9 +153,7 @@ class ResultKind:
     doubts: Callable[[Any, Finding], tuple[str, ...]] = lambda *_: ()
     files: tuple[str, ...] = (".npz",)
     write: Callable[[Path, Any, Finding, Offset], list[Path]] | None = None
-    saves: Mapping[str, Callable[[Path, Any, Finding, Offset, Labels | None], None]] = field(
-        default_factory=dict
-    )
+    saves: Mapping[str, Callable[[Path, Any, Finding, Offset], None]] = field(default_factory=dict)
     plot: Callable[[Any, Finding], Plot | None] = lambda *_: None
     points: Callable[[Any, Finding], Cloud | None] = lambda *_: None
     is_cloud: bool = False

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from .. import kernels
-from ..base.labels import Labels
 from ..formats.table import write_csv, write_npz
 from ..sensing.kind import Seen
 from ..spec import Scene, Sensor, SpecError
@@ -119,12 +118,10 @@ def write_as(
     sensor: Sensor,
     found: Finding,
     offset: Offset = NO_OFFSET,
-    labels: Labels | None = None,
 ) -> None:
     """Write a result; the ending of the path says how.
 
-    offset : metres added to the positions of points, the scene's ``offset``. labels : of points, beside
-        those that every file has, with their names.
+    offset : metres added to the positions of points, the scene's ``offset``.
 
     Raises
     ------
@@ -136,7 +133,7 @@ def write_as(
         allowed = ", ".join(record.endings)
         raise SpecError(path.name, f'cannot be written as "{ending}"; use {allowed}')
     if record.saves:
-        record.saves[ending](path, sensor, found, offset, labels)
+        record.saves[ending](path, sensor, found, offset)
     elif ending == ".csv":
         # Write arrays of one length as columns; (N, K) becomes K columns
         columns: dict[str, list[Any]] = {}

@@ -430,7 +430,7 @@ SONAR = ResultKind(
         ".wav": lambda path, sonar, found, *_: write_wav(
             path, *sound_of(found, sonar.time_expansion)
         ),
-        ".npz": lambda path, _sonar, found, offset, _labels: write_echo_arrays(path, found, offset),
+        ".npz": lambda path, _sonar, found, offset: write_echo_arrays(path, found, offset),
         ".csv": lambda path, _sonar, found, *_: write_csv(path, _columns(found)),
     },
     plot=_plot,

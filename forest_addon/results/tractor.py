@@ -89,7 +89,7 @@ TRACTOR = ResultKind(
     notes=_notes,
     saves=dict.fromkeys(
         ENDINGS,
-        lambda path, tractor, scan, *more: write_points(path, to_cloud(scan, tractor), *more),
+        lambda path, tractor, scan, offset: write_points(path, to_cloud(scan, tractor), offset),
     ),
     plot=matrix_plot,
     points=lambda tractor, scan: to_cloud(scan, tractor),

@@ -77,6 +77,7 @@ class Session:
 
     def __init__(self) -> None:
         self.expansions = Expansions()
+        self.planned: LastAsked[str, Any] = LastAsked(1)  # scans of a field in tiles
         self.served = 0  # scenes
         self._trees: LastAsked[tuple, Tree] = LastAsked(MOST_KEPT, lambda tree: tree.nbytes)
         self.clear()

@@ -40,15 +40,15 @@ class Glance:
     organ: np.ndarray
 
 
-def glance(job: Observation, shape: tuple[int, int] = SHAPE) -> Glance:
-    """Image, of at most this shape, of what a LiDAR sees in a still scene.
+def glance(job: Observation) -> Glance:
+    """Image, of at most ``SHAPE``, of what a LiDAR sees in a still scene.
 
     Raises
     ------
     SpecError : a mobile scanner that has nowhere to go.
     """
     scanner = job.sensor
-    origin, way, size = rays_of(scanner, job.trajectory, shape)
+    origin, way, size = rays_of(scanner, job.trajectory)
     caster = job.seen.caster
     hits = caster.cast(origin, way, scanner.max_range)
     seen = label(caster.scene, hits, way)
@@ -68,14 +68,14 @@ def glance(job: Observation, shape: tuple[int, int] = SHAPE) -> Glance:
 
 
 def rays_of(
-    scanner: Any, trajectory: Trajectory | None, shape: tuple[int, int]
+    scanner: Any, trajectory: Trajectory | None
 ) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
     """Origins and unit directions (R, 3) of pulses, column by column from the lowest row up, and the image's
     rows and columns."""
     if isinstance(scanner, Tractor):
         from .tractor import axes, fan, positions
 
-        column, row = _grid(len(positions(scanner)), len(fan(scanner)), shape)
+        column, row = _grid(len(positions(scanner)), len(fan(scanner)))
         origin, way = axes(scanner, column.ravel(), row.ravel())
         return origin, way, column.shape[::-1]
     from .pattern import directions, pattern_of
@@ -83,17 +83,17 @@ def rays_of(
     pattern = pattern_of(scanner, trajectory)
     if isinstance(scanner, Terrestrial):
         azimuth, elevation = directions(scanner)
-        column, row = _grid(len(azimuth), len(elevation), shape)
+        column, row = _grid(len(azimuth), len(elevation))
         number = (column[::-1] * len(elevation) + row).ravel()  # azimuth grows to the left
     else:
         per_line = max(1, min(pattern.count, round(scanner.pulse_rate / scanner.line_rate)))
         if _turns(scanner):
             channels = min(scanner.channels, pattern.count)
-            column, row = _grid(max(1, per_line // channels), channels, shape)
+            column, row = _grid(max(1, per_line // channels), channels)
             start = max(0, (pattern.count - per_line) // 2) // channels * channels
             number = start + column * channels + row
         else:
-            column, row = _grid(max(1, pattern.count // per_line), per_line, shape)
+            column, row = _grid(max(1, pattern.count // per_line), per_line)
             number = column * per_line + row
         number = np.minimum(number, pattern.count - 1).ravel()
     pulses = pattern.pulses(number)
@@ -110,11 +110,11 @@ def _turns(scanner: Any) -> bool:
     return bool(scanner.pattern == "spinning" and scanner.channels > 1)
 
 
-def _grid(columns: int, rows: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """(W, H), (W, H) columns and rows of so many, evenly thinned to a shape (H, W)."""
+def _grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """(W, H), (W, H) columns and rows of so many, evenly thinned to ``SHAPE``."""
     some = [
         np.linspace(0, n - 1, min(n, most)).round()
-        for n, most in ((columns, shape[1]), (rows, shape[0]))
+        for n, most in ((columns, SHAPE[1]), (rows, SHAPE[0]))
     ]
     column, row = np.meshgrid(*(numbers.astype(np.int64) for numbers in some), indexing="ij")
     return column, row

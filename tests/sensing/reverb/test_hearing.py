@@ -138,7 +138,7 @@ def test_responses_as_sofa_are_read_back(tmp_path: Path) -> None:
         sample_rate=RATE, duration=0.1, array=3, sources=(Place(position=(1.0, 2.0, 3.0)),)
     )
     found = impulse_response(one(9.0, 12.0), reverb, AIR)
-    REVERB.saves[".sofa"](tmp_path / "r.sofa", reverb, found, Offset((0.0, 0.0, 0.0)), None)
+    REVERB.saves[".sofa"](tmp_path / "r.sofa", reverb, found, Offset((0.0, 0.0, 0.0)))
     back = sofar.read_sofa(str(tmp_path / "r.sofa"), verify=True, verbose=False)
     assert back.Data_IR.shape == (2, 3, len(found.samples))
     np.testing.assert_array_equal(back.Data_IR[1, 2], found.channels[5].samples)
