@@ -35,6 +35,17 @@ def mesh_of_points(name: str, arrays: Mapping[str, np.ndarray]) -> bpy.types.Mes
     return data
 
 
+def plain_mesh(
+    name: str, places: Any, faces: Any, coat: bpy.types.Material | None = None
+) -> bpy.types.Mesh:
+    """A new mesh of corners (N, 3) and faces, rows of numbers of corners, with a material."""
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(np.asarray(places).tolist(), [], np.asarray(faces).tolist())
+    if coat is not None:
+        data.materials.append(coat)
+    return data
+
+
 def write(
     data: Any, name: str, values: np.ndarray, kind: str = "FLOAT", domain: str = "POINT"
 ) -> None:

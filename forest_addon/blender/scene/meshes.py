@@ -15,7 +15,6 @@ a segment) and its leaves (a vertex at the centre of each), whose attributes are
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 from weakref import WeakValueDictionary
 from zlib import crc32
 
@@ -162,17 +161,6 @@ COLUMNS: Mapping[str, tuple[str, str]] = {  # attribute of a column, and its kin
 }
 OF_SEGMENTS = ("parent", "order", "generation", "dead")
 OF_LEAVES = ("normal", "axis", "length", "width", "radius", "branch")
-
-
-def plain_mesh(
-    name: str, places: Any, faces: Any, coat: bpy.types.Material | None = None
-) -> bpy.types.Mesh:
-    """A new mesh of corners (N, 3) and faces, rows of numbers of corners, with a material."""
-    data = bpy.data.meshes.new(name)
-    data.from_pydata(np.asarray(places).tolist(), [], np.asarray(faces).tolist())
-    if coat is not None:
-        data.materials.append(coat)
-    return data
 
 
 def write_truth(mesh: bpy.types.Mesh, asset: str, species: str, tree: Tree) -> None:

@@ -15,9 +15,8 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ... import spec
-from ..scene.attributes import places_of, write
+from ..scene.attributes import places_of, plain_mesh, write
 from ..scene.instances import IGNORED_KEY
-from ..scene.meshes import plain_mesh
 
 if TYPE_CHECKING:
     from ...stand.intensity.surface import GroundSurface

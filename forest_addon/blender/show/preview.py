@@ -28,9 +28,10 @@ from ...growth.skeleton import Skeleton
 from ...growth.tree import Tree, grow
 from ..files.export import empty_file
 from ..scene import materials
+from ..scene.attributes import plain_mesh
 from ..scene.instances import IGNORED_KEY, read_points
 from ..scene.layout import TREES, objects_in, part
-from ..scene.meshes import plain_mesh, to_mesh
+from ..scene.meshes import to_mesh
 from ..scene.nodes import Graph, tree_of
 
 Field = tuple[tuple[float, float], tuple[float, float]]

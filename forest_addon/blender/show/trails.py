@@ -13,11 +13,10 @@ import bpy
 import numpy as np
 
 from ...growth.mesh.meshing import tube
-from ..scene.attributes import write
+from ..scene.attributes import plain_mesh, write
 from ..scene.instances import IGNORED_KEY
 from ..scene.layout import own
 from ..scene.materials import coloured
-from ..scene.meshes import plain_mesh
 
 NEAR, FAR = 0.5, 6.0  # metres: reddest, bluest
 THICK = 0.03  # metres, a trail's radius
