@@ -98,7 +98,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1084, 14),
     "forest_addon/api": (862, 5),
     "forest_addon/base": (386, 13),
-    "forest_addon/blender": (5082, 38),
+    "forest_addon/blender": (5080, 38),
     "forest_addon/drawing": (593, 6),
     "forest_addon/flight": (1806, 12),
     "forest_addon/formats": (3646, 29),
