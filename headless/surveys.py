@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from forest_addon.base.trimesh import GROUND, LEAF, OTHER, TriMesh
-from forest_addon.formats.crs import metres_of
+from forest_addon.formats.crs import in_metres, metres_of, short
 from forest_addon.formats.helios.survey import Leg, Survey, read_survey
-from forest_addon.formats.las import read_las
+from forest_addon.formats.las import read_las, units_of
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import read_scanner, structure, write_settings
@@ -289,8 +289,8 @@ RANGE = 1.3  # times the farthest return: the range of a scanner that nobody nam
 
 @dataclass(frozen=True)
 class FlownCloud:
-    """Returns of a real flight: place (N, 3) m, time (N,) s, number and count (N,) of returns, line (N,), and
-    the scan angle (N,) that its file says, degrees."""
+    """Returns of a real flight: place (N, 3) m, time (N,) s, number and count (N,) of returns, line (N,), the
+    scan angle (N,) that its file says, degrees, and its coordinate system."""
 
     place: np.ndarray
     time: np.ndarray
@@ -298,6 +298,7 @@ class FlownCloud:
     count: np.ndarray
     line: np.ndarray
     angle: np.ndarray
+    crs: str
 
 
 ENOUGH = 20  # variants of a species that a plot's trees are, each in the size of its own diameter
@@ -331,6 +332,9 @@ def write_like(
             "names its system itself, else convert cloud and table to metres",
         )
     cloud = read_flown(cloud_file, crs)
+    system = in_metres(cloud.crs, cloud.place[:, :2].mean(axis=0))
+    if cloud.crs and not system:
+        say(f"no system in metres is {short(cloud.crs)}: the scene is written without crs")
     flown = read_trajectory(trajectory, crs) if trajectory else None
     lines = lines_of(cloud.place, cloud.time, cloud.number, cloud.count, cloud.line)
     if flown is not None:
@@ -370,6 +374,7 @@ def write_like(
     side = np.maximum(np.ceil(np.ptp(cloud.place[:, :2], axis=0)), 1.0)
     scene = Scene(
         offset=tuple(low.tolist()),
+        crs=system,
         forest=Field(origin=(0.0, 0.0), size=(float(side[0]), float(side[1]))),
         sensors=tuple(sensors),
     )
@@ -379,7 +384,8 @@ def write_like(
     then = "plant it with [[plantings]], or by --trees TABLE, then: run"
     if trees is not None:
         ground = Terrain(file=Path(os.path.relpath(cloud_file, target.parent)).as_posix())
-        plantings = _planted(trees, species, target, crs, say)
+        plantings = _planted(trees, species, target, system, say)
+        say(f"making a grid of the ground of {cloud_file.name}, {len(cloud.place):,} returns")
         raster = read_raster(cloud_file)
         rows, columns = raster.pixels.shape
         ends = np.sort(raster.places(np.array([0, columns]), np.array([0, rows])), axis=0) - low[:2]
@@ -454,6 +460,7 @@ def read_flown(path: Path, crs: str = "") -> FlownCloud:
             if "scan_angle" in names
             else cloud.scan_angle_rank.astype(float)
         ),
+        units_of(path, cloud.header, crs)[0],
     )
 
 

@@ -162,6 +162,20 @@ def metric_near(longitude: float, latitude: float) -> str:
     return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
 
 
+def in_metres(crs: str, place: np.ndarray) -> str:
+    """The name of a system, or of its twin in metres, which has the same metres (2,); empty if none has."""
+    if not crs or not can_tell_crs():
+        return crs
+    if not np.allclose(metres_of(crs), 1.0, rtol=0, atol=1e-9):
+        twin = nearest_metric(crs)
+        return twin if same_place(crs, twin, place) else ""
+    known = _known(crs)
+    names = [part.to_authority() for part in known.sub_crs_list or [known]]
+    if not all(names):
+        return crs
+    return ":".join(names[0]) + "".join(f"+{code}" for _, code in names[1:])
+
+
 def same_place(one: str, other: str, place: np.ndarray) -> bool:
     """Return whether metres (2,) in one system are the same metres in another, to a metre and a half; True
     where either is not named."""

@@ -8,6 +8,7 @@ from laspy.vlrs.known import GeoDoubleParamsVlr, GeoKeyDirectoryVlr, WktCoordina
 pyproj = pytest.importorskip("pyproj")
 
 from forest_addon.formats.las import read_las, write_las
+from forest_addon.formats.toml_file import read_settings
 from forest_addon.results.points import POINT
 from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.site import ForestSite
@@ -185,6 +186,27 @@ def test_a_flight_in_feet_is_flown_in_metres(tmp_path, flight):
         like(tmp_path, "lost.las", crs="EPSG:2227", trees=tmp_path / "trees.csv")
 
 
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("code", "unit", "named", "crs"),
+    [
+        (26943, 1.0, "", "EPSG:26943"),
+        ("EPSG:26943+5703", 1.0, "", "EPSG:26943+5703"),
+        (2227, US_FOOT, "", "EPSG:26943"),
+        (None, 1.0, "EPSG:26943", "EPSG:26943"),
+        (None, 1.0, "", ""),
+    ],
+)
+def test_a_flight_is_flown_in_the_system_of_its_cloud(tmp_path, flight, code, unit, named, crs):
+    save(tmp_path / "a.las", flight, (unit, unit), code and wkt(code))
+    like(tmp_path, "a.las", crs=named)
+    scene = read_settings(tmp_path / "like.toml", Scene)
+    assert scene.crs == crs
+    write_las(tmp_path / "b.laz", np.zeros(1, dtype=POINT), crs=scene.crs)
+    found = laspy.read(tmp_path / "b.laz").header.parse_crs()
+    assert found == (pyproj.CRS(crs) if crs else None)
+
+
 def test_a_cloud_that_is_sorted_by_place_is_flown_as_one_by_time(tmp_path, flight):
     order = np.lexsort(np.floor(flight[0] / 5.0).T)
     save(tmp_path / "a.las", flight)
@@ -239,6 +261,7 @@ def test_a_plot_gets_a_twin_of_its_own_trees_on_its_own_ground(tmp_path, flight)
     save(tmp_path / "cloud.las", flight, record=wkt(26943))
     scene, heard = like(tmp_path, "cloud.las", **words)
     assert '"FASY" is planted as european-beech' in heard
+    assert f"making a grid of the ground of cloud.las, {len(flight[0]):,} returns" in heard
     stand = ForestSite.read(scene, tmp_path).plan()
     place = stand.position[stand.species < len(CODES)] + scene.offset  # others are undergrowth
     assert np.sort(place[:, 0]) == pytest.approx(middle[0] + 2 * np.arange(len(CODES)), abs=0.01)

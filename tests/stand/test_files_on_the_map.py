@@ -469,6 +469,23 @@ def test_a_unit_that_is_said_comes_before_that_of_the_file(tmp_path):
         assert found == pytest.approx(expected, abs=1e-2)
 
 
+def test_a_cloud_says_as_of_what_system_it_is_taken_or_how_to_move_it(tmp_path):
+    pyproj = pytest.importorskip("pyproj")
+    written(tmp_path / "g.las", "cloud")
+    _, _, told = ground_of(tmp_path, scene("g.las", crs="EPSG:26943"))
+    assert "taken to lie in EPSG:26943, as it names no system" in str(told)
+    assert "names no system" not in str(ground_of(tmp_path, scene("g.las"))[2])
+    cloud = laspy.read(tmp_path / "g.las")
+    cloud.header.add_crs(pyproj.CRS("EPSG:32611"))
+    cloud.write(tmp_path / "g.las")
+    assert "names no system" not in str(ground_of(tmp_path, scene("g.las", crs="EPSG:32611"))[2])
+    advice = (
+        r"pdal translate IN.laz OUT.laz reprojection --filters.reprojection.out_srs=EPSG:32610$"
+    )
+    with pytest.raises(SpecError, match=advice):
+        read_inputs(scene("g.las", crs="EPSG:32610"), tmp_path)
+
+
 def test_east_and_north_exchanged_are_refused_as_trees_are(tmp_path):
     pytest.importorskip("pyproj")
     written(tmp_path / "dem.xyz", "xyz")

@@ -435,7 +435,7 @@ def test_halves_of_a_line_are_as_far_apart_as_chance_makes_them():
     place = np.column_stack([rng.uniform(0, 20 * BLOCK, (pulses, 2)), np.zeros(pulses)])
     count = np.where(rng.random(pulses) < 0.5, 1, 2)
     ones = np.ones(pulses, int)
-    cloud = FlownCloud(place, np.zeros(pulses), ones, count, ones, np.zeros(pulses))
+    cloud = FlownCloud(place, np.zeros(pulses), ones, count, ones, np.zeros(pulses), "")
     # Two halves of 20,000 independent pulses: 1.96 times sqrt(0.25/20000 + 0.25/20000).
     assert halves_apart(cloud, 1)[1] == pytest.approx(0.0098, rel=0.35)
 
