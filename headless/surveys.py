@@ -357,8 +357,8 @@ def write_like(
         rows = (cloud.line == number) & (cloud.number == 1)
         try:
             pattern = pattern_like(line, cloud.place[rows], cloud.time[rows], cloud.angle[rows])
-        except SpecError as short:
-            report.append(f"left out: {short}")
+        except SpecError as problem:
+            report.append(f"left out: {problem}")
             continue
         far = np.linalg.norm(cloud.place[rows] - line.at(cloud.time[rows]), axis=1)
         plain = _instrument(scanner, float(far.max()), int(cloud.count.max()))

@@ -193,6 +193,7 @@ def test_a_flight_in_feet_is_flown_in_metres(tmp_path, flight):
         (26943, 1.0, "", "EPSG:26943"),
         ("EPSG:26943+5703", 1.0, "", "EPSG:26943+5703"),
         (2227, US_FOOT, "", "EPSG:26943"),
+        (2314, 0.3047972654, "", ""),  # has no twin in metres
         (None, 1.0, "EPSG:26943", "EPSG:26943"),
         (None, 1.0, "", ""),
     ],
