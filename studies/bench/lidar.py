@@ -53,7 +53,6 @@ from ..inside import (
     SceneMotion,
     Search,
     ShapePath,
-    beam_areas,
     drive,
     embree_motion,
     find_species,
@@ -443,7 +442,7 @@ PAIRS = 400_000  # rays x segments at a time
 
 def impacted_area(scan: Any, tractor: Tractor) -> float:
     """A_IM of an orchard, m²."""
-    return float(beam_areas(scan, tractor).sum())
+    return float(orchards.beam_areas(scan, tractor).sum())
 
 
 def first_hits(skeleton: Skeleton, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:

@@ -50,11 +50,11 @@ from ..inside import (
     find_species,
     grow,
     hushed,
+    is_wood,
     load_species,
     save_figure,
     skeleton_of,
     stream,
-    wood_indices,
     wood_of_skeleton,
 )
 from ..tables import table, write_rows
@@ -357,11 +357,31 @@ def line_through_origin(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return slope, 1.0 - missed / scatter if scatter > 0 else float(missed == 0)
 
 
+# Wood indices of a tractor scan (Méndez et al.): the impacted area, and lines through the origin.
+#
+# A beam that meets wood at distance l stands for the area Δy·l·(sin(θ + Δθ) - sin θ); A_IM is their sum.
+# With θ from the horizontal, as Méndez et al.'s eq. 8 has it, that is the size of the sector where it is
+# level; with θ from the vertical, as its eq. 14 can be read, level beams stand for nothing. Ours is the
+# former. What it is compared with, the volume V_L, area A_L and projected area A_PR of all wood, is the
+# truth of the skeleton (``growth.truth``). A gap between scans is not filled: A_IM is of what was scanned.
+
+
+def beam_areas(scan: Any, tractor: Tractor, *, from_vertical: bool = False) -> np.ndarray:
+    """(N, M) m² of wood that each beam stands for, 0 where it met none.
+
+    from_vertical : measure θ from the vertical, as eq. 14 can be read; the amount of the difference.
+    """
+    angle = np.pi / 2 - scan.angle if from_vertical else scan.angle
+    step = np.deg2rad(tractor.angle_step_deg) * (-1 if from_vertical else 1)
+    wide = np.abs(np.sin(angle + step) - np.sin(angle))
+    return tractor.step * np.where(is_wood(scan.organ), scan.distance, 0.0) * wide
+
+
 def impacted_by_tree(scan: Any, tractor: Tractor, trees: int) -> np.ndarray:
     """(trees,) A_IM of the trees numbered from 0, m²; wood of no tree is left out."""
     tree = scan.returns.tree
     known = (tree >= 0) & (tree < trees)
-    area = wood_indices.beam_areas(scan, tractor).ravel()
+    area = beam_areas(scan, tractor).ravel()
     return np.bincount(tree[known], area[known], minlength=trees)
 
 
@@ -500,7 +520,7 @@ def observe(
     solid = tractor_for(forest, SOLID, gap)
     thick = observer.observe(solid, scene, progress)
     solid_area = (gap + 1) * impacted_by_tree(thick, solid, orchard.trees)
-    upright = (gap + 1) * wood_indices.beam_areas(thick, solid, from_vertical=True)
+    upright = (gap + 1) * beam_areas(thick, solid, from_vertical=True)
     done = time.process_time()
 
     same = dict(zip(ASKED, astuple(orchard), strict=True))

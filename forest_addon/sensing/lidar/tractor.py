@@ -14,7 +14,6 @@ from itertools import product
 import numpy as np
 
 from ...base.progress import Progress
-from ...base.trimesh import is_wood
 from ...base.vectors import azimuth_of, column
 from ...spec import Tractor
 from ..rays.caster import RayCaster
@@ -187,23 +186,3 @@ def directions_of(tractor: Tractor, angle: np.ndarray) -> np.ndarray:
 def _forward(tractor: Tractor) -> np.ndarray:
     heading = np.deg2rad(tractor.heading_deg)
     return np.array([np.cos(heading), np.sin(heading), 0.0])
-
-
-# Wood indices of a tractor scan (Méndez et al.): the impacted area, and lines through the origin.
-#
-# A beam that meets wood at distance l stands for the area Δy·l·(sin(θ + Δθ) - sin θ); A_IM is their sum.
-# With θ from the horizontal, as Méndez et al.'s eq. 8 has it, that is the size of the sector where it is
-# level; with θ from the vertical, as its eq. 14 can be read, level beams stand for nothing. Ours is the
-# former. What it is compared with, the volume V_L, area A_L and projected area A_PR of all wood, is the
-# truth of the skeleton (``growth.truth``). A gap between scans is not filled: A_IM is of what was scanned.
-
-
-def beam_areas(scan: TractorScan, tractor: Tractor, *, from_vertical: bool = False) -> np.ndarray:
-    """(N, M) m² of wood that each beam stands for, 0 where it met none.
-
-    from_vertical : measure θ from the vertical, as eq. 14 can be read; the amount of the difference.
-    """
-    angle = np.pi / 2 - scan.angle if from_vertical else scan.angle
-    step = np.deg2rad(tractor.angle_step_deg) * (-1 if from_vertical else 1)
-    wide = np.abs(np.sin(angle + step) - np.sin(angle))
-    return tractor.step * np.where(is_wood(scan.organ), scan.distance, 0.0) * wide

@@ -15,6 +15,11 @@ from forest_addon.spec import Tractor
 TRACTOR = Tractor(position=(1.0, 0.0, 1.0), track=0.1, step=0.002, gap=9, reach=5.0, top=4.0)
 
 
+@pytest.fixture
+def simlidar():
+    return pytest.importorskip("studies.papers.simlidar")
+
+
 def test_the_fan_and_the_track_are_simlidars():
     angle, track = driven.fan(TRACTOR), driven.positions(TRACTOR)
     assert angle[0] == pytest.approx(-np.arctan(1 / 5))
@@ -79,14 +84,14 @@ def post(x, low, high, half=50.0):
     return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), WOOD)
 
 
-def test_a_wall_has_its_distance_times_the_fan():
+def test_a_wall_has_its_distance_times_the_fan(simlidar):
     """l·cos θ = D, so the sum tends to D·(θ₂ - θ₁) a metre of track, to about a step of θ."""
     far = 3.0
     fine = replace(
         WOOD_INDICES_TRACTOR, angle_step_deg=0.05, reach=20.0
     )  # above the horizon: a wall, no ground
     scan = driven.drive(fine, BruteCaster(scene_with(ground(), wall(1.0 + far))))
-    areas = driven.beam_areas(scan, fine)
+    areas = simlidar.beam_areas(scan, fine)
     above = scan.angle >= 0
     step = np.deg2rad(0.05)
     exact = fine.step * far * (np.sin(scan.angle + step) - np.sin(scan.angle)) / np.cos(scan.angle)
@@ -95,13 +100,13 @@ def test_a_wall_has_its_distance_times_the_fan():
     assert areas[:, above].sum() == pytest.approx(50 * 0.002 * far * span, rel=step)
     assert (areas[scan.organ != WOOD] == 0).all()
     # With θ from the vertical the same sum is D·∫tan θ = D·ln(cos θ₁/cos θ₂).
-    upright = driven.beam_areas(scan, fine, from_vertical=True)[:, above].sum()
+    upright = simlidar.beam_areas(scan, fine, from_vertical=True)[:, above].sum()
     logarithm = np.log(np.cos(scan.angle[above][0]) / np.cos(scan.angle[-1] + step))
     assert upright == pytest.approx(50 * 0.002 * far * logarithm, rel=2 * step)
 
 
 @pytest.mark.medium
-def test_a_vertical_cylinder_has_its_visible_front():
+def test_a_vertical_cylinder_has_its_visible_front(simlidar):
     """At y from the axis, l·cos θ = D - √(r² - y²); over y and θ that is (2rD - πr²/2)·(θ₂ - θ₁)."""
     r, far = 0.04, 1.5
     points = np.array([[1.0 + far, 0.05, -60.0], [1.0 + far, 0.05, 60.0]])
@@ -109,19 +114,18 @@ def test_a_vertical_cylinder_has_its_visible_front():
     scene = scene_with(ground(), TriMesh.of_part(vertices, triangles, WOOD))
     tractor = replace(WOOD_INDICES_TRACTOR, step=0.0005, track=0.1, angle_step_deg=1.0)
     scan = driven.drive(tractor, BruteCaster(scene))
-    areas = driven.beam_areas(scan, tractor)[:, scan.angle > 0]
+    areas = simlidar.beam_areas(scan, tractor)[:, scan.angle > 0]
     wide = np.sin(scan.angle + np.deg2rad(1.0)) - np.sin(scan.angle)
     fan = (wide / np.cos(scan.angle))[scan.angle > 0].sum()  # S's sum in place of θ₂ - θ₁
     assert areas.sum() == pytest.approx((2 * r * far - np.pi * r**2 / 2) * fan, rel=0.01)
 
 
-def test_areas_by_tree_add_up_to_the_orchard():
+def test_areas_by_tree_add_up_to_the_orchard(simlidar):
     scene = scene_with(ground(), post(3.0, 0.011, 0.031), post(4.0, 0.021, 0.071))
     scan = driven.drive(WOOD_INDICES_TRACTOR, BruteCaster(scene))
-    simlidar = pytest.importorskip("studies.papers.simlidar")
     by_tree = simlidar.impacted_by_tree(scan, WOOD_INDICES_TRACTOR, 2)
     assert by_tree.sum() == pytest.approx(
-        driven.beam_areas(scan, WOOD_INDICES_TRACTOR).sum(), rel=1e-12
+        simlidar.beam_areas(scan, WOOD_INDICES_TRACTOR).sum(), rel=1e-12
     )
     # 10 scans at 2 m; of the 25 at 3 m the first 5 are hidden.
     assert by_tree[0] / by_tree[1] == pytest.approx(2.0 / 3.0 * 10 / 20, rel=1e-12)
