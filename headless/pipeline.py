@@ -157,6 +157,12 @@ def run_scene(
     with stages.stage("grow trees") as progress:
         forest = site.grow(progress)
     _refuse_large(forest, wanted.glb or bool(wanted.usd))
+    trees = len(forest.stand.first(len(settings.plantings)))
+    if trees < len(forest.stand) and settings.forest.undergrowth == "auto":
+        stages.say(
+            f"  {len(forest.stand) - trees:,} plants of undergrowth stand beside {trees:,} trees, as a scanner "
+            'or a sonar looks at them; forest.undergrowth = "none" leaves them out'
+        )
     run = Run(settings, out, stages, forest, site.ground, forest.labels)
     if settings.crs and not can_tell_crs():
         run.stages.warn("LAS files lack their coordinate system; pip install pyproj tells it")

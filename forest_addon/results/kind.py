@@ -28,6 +28,7 @@ from ..sensing.kind import Seen
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.sonar.echo import Contributions
 from ..stand.forest import GrownForest
+from ..stand.plan import PLANTS
 from .coordinates import Offset
 
 
@@ -63,17 +64,20 @@ def facts(figures: Sequence[Figure]) -> dict[str, str]:
     return {each.name: each.text for each in figures if each.name}
 
 
-def of_forest(forest: GrownForest) -> list[Figure]:
-    """Trees, leaves and triangles of a forest."""
+def of_forest(forest: GrownForest, own: int) -> list[Figure]:
+    """Trees, undergrowth, leaves and triangles of a forest; own : plantings of its scene, before undergrowth."""
     stand = forest.stand
+    low = [row >= own or kind.name in PLANTS for row, kind in enumerate(forest.species)]
+    below = int(stand.counts()[low].sum())
     variants = [forest.variant_of(tree) for tree in range(len(stand))]
     triangles = sum(len(tree.mesh.triangles) for tree in variants)
     unique = sum(len(tree.mesh.triangles) for tree in forest.variants.values())
     leaves = sum(len(tree.leaves) for tree in variants)
-    density = float(stand.density().sum() * 1e4)
+    density = float(stand.density()[np.logical_not(low)].sum() * 1e4)
     counts = zip(forest.labels, stand.counts(), strict=True)
     figures = [
-        numbers("trees", "Trees", f"{len(stand):,}"),
+        numbers("trees", "Trees", f"{len(stand) - below:,}"),
+        *([numbers("undergrowth", "Undergrowth", f"{below:,}")] if below else ()),
         *(numbers(label, label.title(), f"{count:,}") for label, count in counts),
         numbers("leaves", "Leaves", f"{leaves:,}"),
         numbers("triangles", "Triangles", f"{triangles:,}"),

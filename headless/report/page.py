@@ -119,7 +119,7 @@ def forest_finding(settings: Scene, forest: GrownForest, picture: Path | None) -
     return Finding(
         "Forest",
         f"{_stand_in_words(settings, forest.stand.removed)} on {wide:g} by {deep:g} m.",
-        facts(of_forest(forest)),
+        facts(of_forest(forest, len(settings.plantings))),
         tuple(_stand_notes(settings, forest)),
         picture,
     )

@@ -64,6 +64,23 @@ def process(*words, **options):
     )
 
 
+@pytest.mark.medium
+def test_undergrowth_is_said_and_is_no_tree(tmp_path):
+    """Twenty trees on 400 m² are 500 trees/ha, whatever grows below them."""
+    scene = tmp_path / "a.toml"
+    plant = '[[plantings]]\nspecies = "scots-pine"\nexpected = 20\nexact = true\nvariants = 1\n'
+    sensor = '[[sensors]]\nkind = "terrestrial"\nangle_step_deg = 5.0\n'
+    scene.write_text(f"[forest]\nsize = [20.0, 20.0]\n{plant}{sensor}{BARE}")
+    ended = process("run", scene, "--out", tmp_path / "out")
+    facts = json.loads((tmp_path / "out" / "run.json").read_text())["results"]["Forest"]
+    with (tmp_path / "out" / "trees.csv").open() as file:
+        rows = len(list(csv.DictReader(file)))
+    assert (facts["trees"], facts["density"]) == ("20", "500 trees/ha")
+    assert int(facts["undergrowth"].replace(",", "")) == rows - 20 > 100
+    assert f"{rows - 20:,} plants of undergrowth stand beside 20 trees" in ended.stderr
+    assert 'forest.undergrowth = "none" leaves them out' in ended.stderr
+
+
 @pytest.fixture(scope="module")
 def done(once):
     """One run of the small scene: its folder, and what it said on its two streams."""

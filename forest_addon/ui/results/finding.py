@@ -118,7 +118,7 @@ def keep_forest(
     props = context.scene.forest_sensing
     for result in props.results:
         result.stale = result.kind != "forest"
-    figures = in_words(of_forest(forest))
+    figures = in_words(of_forest(forest, len(settings.plantings)))
     for number, planting in enumerate(props.plantings):
         planting.standing = int(np.count_nonzero(forest.stand.species == number))
     _note(props, "forest", "forest", settings.name, figures | {keep("Time"): f"{seconds:.1f} s"})
