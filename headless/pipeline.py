@@ -160,8 +160,8 @@ def run_scene(
     trees = len(forest.stand.first(len(settings.plantings)))
     if trees < len(forest.stand) and settings.forest.undergrowth == "auto":
         stages.say(
-            f"  {len(forest.stand) - trees:,} plants of undergrowth stand beside {trees:,} trees, as a scanner "
-            'or a sonar looks at them; forest.undergrowth = "none" leaves them out'
+            f"  {len(forest.stand) - trees:,} plants of undergrowth stand beside {trees:,} trees, as a "
+            'scanner or a sonar looks at them; forest.undergrowth = "none" leaves them out'
         )
     run = Run(settings, out, stages, forest, site.ground, forest.labels)
     if settings.crs and not can_tell_crs():

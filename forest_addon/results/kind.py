@@ -65,7 +65,7 @@ def facts(figures: Sequence[Figure]) -> dict[str, str]:
 
 
 def of_forest(forest: GrownForest, own: int) -> list[Figure]:
-    """Trees, undergrowth, leaves and triangles of a forest; own : plantings of its scene, before undergrowth."""
+    """Trees, undergrowth, leaves and triangles of a forest; own : plantings of its scene file."""
     stand = forest.stand
     low = [row >= own or kind.name in PLANTS for row, kind in enumerate(forest.species)]
     below = int(stand.counts()[low].sum())
