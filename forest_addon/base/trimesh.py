@@ -44,7 +44,7 @@ class TriMesh:
     part : (T,) int8, ``OTHER``, ``WOOD``, ``LEAF``, ``GROUND`` or ``DEAD``.
     leaf : (T,) int32, the leaf a triangle belongs to, -1 where it is no leaf.
     material : (T,) int32, material slot.
-    uv : (T, 3, 2) float32 texture coordinates by corner, or None.
+    uv : (T, 3, 2) float32 texture coordinates by corner, or None; may be given as what makes them each time.
     order : (T,) int8, branching order of the wood (0 the trunk) or of what bears the leaf, or None.
     edges : known from how the mesh was made, or what makes them when they are asked for, or None.
     """
@@ -131,6 +131,14 @@ def _keep(mesh: TriMesh, vertices: np.ndarray) -> None:
 TriMesh.vertices = property(  # type: ignore[assignment]
     lambda mesh: mesh.points.astype(np.float64, copy=False), _keep
 )
+
+
+def _texture(mesh: TriMesh) -> np.ndarray | None:
+    given = vars(mesh)["uv"]
+    return given() if callable(given) else given
+
+
+TriMesh.uv = property(_texture, lambda mesh, given: vars(mesh).update(uv=given))  # type: ignore[assignment]
 
 
 def join(meshes: Sequence[TriMesh]) -> TriMesh:

@@ -210,7 +210,7 @@ def _digest(scan: Scan, seed: int, offset: Offset) -> str:
 def scene_digest(scene: SceneGeometry) -> str:
     """Digest of what decides what rays meet."""
     arrays = [
-        a for mesh in scene.meshes for a in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf)
+        a for mesh in scene.meshes for a in (mesh.points, mesh.triangles, mesh.part, mesh.leaf)
     ]
     arrays += [scene.transform, scene.mesh_index, scene.tree, scene.species, scene.reflectance]
     arrays += [*scene.slot_reflectance, *scene.slot_optics]

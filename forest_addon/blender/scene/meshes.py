@@ -61,8 +61,9 @@ def to_mesh(
     write(data, "sharp_face", mesh.part == LEAF, "BOOLEAN", "FACE")
     if mesh.order is not None:
         write(data, "order", mesh.order, "INT8", "FACE")
-    if mesh.uv is not None:
-        write(data, "UVMap", mesh.uv, "FLOAT2", "CORNER")
+    texture = mesh.uv
+    if texture is not None:
+        write(data, "UVMap", texture, "FLOAT2", "CORNER")
     edges = mesh.known_edges()
     if edges is None:
         data.update(calc_edges=True)

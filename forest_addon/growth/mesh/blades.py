@@ -205,25 +205,28 @@ def lay(
     np.add(foot[:, None], pattern, out=triangles[t:].reshape(count, 3 * facets))
     atlas = np.stack([blade.vertices[:, 0], blade.vertices[:, 1] + 0.5], axis=1)
     atlas = atlas if blade.atlas is None else blade.atlas
-    own = np.clip(atlas, 0, 1).astype(np.float32)[blade.triangles].reshape(-1)
-    uv = np.empty((t + count * facets, 3, 2), dtype=np.float32)
-    uv[:t] = 0 if first.uv is None else first.uv
-    uv[t:].reshape(count, 6 * facets)[:] = own
+    own = np.clip(atlas, 0, 1).astype(np.float32)[blade.triangles]
+    before = np.zeros((t, 3, 2), dtype=np.float32) if first.uv is None else first.uv
     borne = None
     if order is not None:
-        before = np.empty(0, np.int8) if first.order is None else first.order
-        borne = np.concatenate([before, np.repeat(order.astype(np.int8), facets)])
+        bearing = np.empty(0, np.int8) if first.order is None else first.order
+        borne = np.concatenate([bearing, np.repeat(order.astype(np.int8), facets)])
     return TriMesh(
         vertices=vertices,
         triangles=triangles,
         part=np.append(first.part, np.full(count * facets, LEAF, np.int8)),
         leaf=np.append(first.leaf, np.repeat(np.arange(count, dtype=np.int32), facets)),
         material=np.append(first.material, np.full(count * facets, BLADE_SLOT, np.int32)),
-        uv=uv,
+        uv=partial(_textured, before, own, count),  # type: ignore[arg-type]
         order=borne,
-        # Only a Blender mesh needs them; kept, they would be as large as the triangles twice.
+        # Only a Blender mesh needs both; kept, they would be as large as the triangles four times.
         edges=partial(repeated_edges, blade.triangles, corners, count, first.edges, v),
     )
+
+
+def _textured(before: np.ndarray, own: np.ndarray, count: int) -> np.ndarray:
+    """Texture coordinates (T, 3, 2) before those (F, 3, 2) of a leaf, so many times."""
+    return np.concatenate([before, np.tile(own, (count, 1, 1))])
 
 
 def _place(sites: LeafSites, blade: Blade, out: np.ndarray) -> None:
