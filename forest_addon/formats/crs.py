@@ -149,7 +149,8 @@ def nearest_metric(crs: str) -> str:
     for one in pyproj.database.query_crs_info(
         auth_name="EPSG", pj_types=pyproj.enums.PJType.PROJECTED_CRS
     ):
-        if flat.is_projected and one.name == plain and not one.deprecated:
+        same = flat.is_projected and one.name == plain and not one.deprecated
+        if same and metres_of(f"EPSG:{one.code}")[0] == 1.0:  # a twin may be in links
             return f"EPSG:{one.code}"
     if area is None or ((area.east - area.west) % 360.0 or 360.0) > 60:
         return "a UTM zone, such as EPSG:32632"
@@ -168,7 +169,7 @@ def in_metres(crs: str, place: np.ndarray) -> str:
         return crs
     if not np.allclose(metres_of(crs), 1.0, rtol=0, atol=1e-9):
         twin = nearest_metric(crs)
-        return twin if same_place(crs, twin, place) else ""
+        return twin if twin.startswith("EPSG:") and same_place(crs, twin, place) else ""
     known = _known(crs)
     names = [part.to_authority() for part in known.sub_crs_list or [known]]
     if not all(names):
