@@ -101,7 +101,7 @@ BUDGETS = {
     "forest_addon/blender": (5081, 38),
     "forest_addon/drawing": (593, 6),
     "forest_addon/flight": (1806, 12),
-    "forest_addon/formats": (3657, 29),
+    "forest_addon/formats": (3658, 29),
     "forest_addon/growth": (7804, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1110, 13),
