@@ -251,10 +251,9 @@ def _read_placed(
             f"{given.file} lies in {short(raster.crs)}, the scene in {scene.crs}; warp it there, as by {by}",
         )
     if scene.crs and not raster.crs:
-        taken = f"taken to lie in {scene.crs}, as it names no system"
-        raster = replace(raster, note=", ".join(filter(None, (raster.note, taken))))
-    moved = raster.transform - np.outer(scene.offset[:2], [0, 0, 1])
-    raster = replace(raster, transform=moved)
+        taken = f", taken to lie in {scene.crs}, as it names no system"
+        raster = replace(raster, note=(raster.note + taken).lstrip(", "))
+    raster = replace(raster, transform=raster.transform - np.outer(scene.offset[:2], [0, 0, 1]))
     if given.origin is None and given.size is None:
         _refuse_elsewhere(key, given.file, scene, raster.extent, raster.holds)
     return raster.upright()

@@ -20,7 +20,7 @@ from forest_addon.sensing.lidar.surveys.like import (
     split_lines,
 )
 from forest_addon.sensing.lidar.surveys.trajectories import COLUMNS, RECORD, read_trajectory
-from forest_addon.spec import Beam, Mobile, Noise, Pose, SpecError, Terrestrial
+from forest_addon.spec import Airborne, Beam, Mobile, Noise, Pose, SpecError, Terrestrial
 
 
 @pytest.mark.medium
@@ -59,6 +59,42 @@ def test_rates_field_and_tilt_are_read_back(sweep, pitch):
     again = scanner_like(Mobile(), line, found, np.zeros(3))
     wide = np.ptp(found.field_deg)
     assert again.pulse_rate / again.line_rate == pytest.approx(wide / (120 / 2000), rel=0.02)
+
+
+@pytest.mark.medium
+def test_strips_that_were_taken_as_one_line_are_refused():
+    flight = Airborne(
+        position=(-20.0, 10.0, 500.0),
+        heading_deg=0.0,
+        track=85.0,
+        speed=60.0,
+        strips=2,
+        spacing=25.0,
+        field_deg=(-8.0, 8.0),
+        line_rate=100.0,
+        pulse_rate=100e3,
+    )
+    pattern = pattern_of(flight)
+    pulses = pattern.pulses(np.arange(pattern.count))
+    reach = [(pulses.origin[:, 2] - level) / -pulses.direction[:, 2] for level in (14.0, 0.0)]
+    ends = pulses.origin + np.array(reach)[:, :, None] * pulses.direction
+    seen = (np.abs(ends[1, :, :2] - [22.5, 0.0]) < 22.5).all(axis=1)
+    place, time = ends[:, seen].swapaxes(0, 1).reshape(-1, 3), np.repeat(pulses.time[seen], 2)
+    number = np.tile([1, 2], int(seen.sum()))
+    two, angle = np.full(len(number), 2), np.degrees(np.repeat(pulses.scan_angle[seen], 2))
+
+    def speeds(line):
+        lines = lines_of(place, time, number, two, line).values()
+        for one in lines:
+            rows = (line == one.number) & (number == 1)
+            pattern_like(one, place[rows], time[rows], angle[rows])
+        return [np.linalg.norm(one.velocity) for one in lines]
+
+    assert speeds((time > 85 / 60).astype(int)) == pytest.approx([60.0, 60.0], rel=1e-3)
+    with pytest.raises(
+        SpecError, match=r"several lines were taken as one; number them as point_so"
+    ):
+        speeds(split_lines(time, np.zeros(len(time), dtype=int)))
 
 
 def test_csv_goes_to_and_fro_and_times_must_rise(tmp_path):

@@ -48,7 +48,8 @@ def pattern_like(
 
     Raises
     ------
-    SpecError : sweeps cannot be told apart; the way is faster than aircraft are, or not what the angles say.
+    SpecError : sweeps cannot be told apart; the way is faster than aircraft are, or not what the angles say;
+    pulses are more than the sweeps have, as of several lines taken as one.
     """
     speed = float(np.linalg.norm(line.velocity))
     if not SLOWEST < speed < FASTEST:
@@ -98,6 +99,13 @@ def pattern_like(
     swept = sum(abs(float(angle[b - 1] - angle[a])) for a, b in sweeps)
     step = swept / sum(b - 1 - a for a, b in sweeps)
     a_line = max(2, round((high - low) / step))
+    if a_line / period > 2 * rate:  # pulses follow each other no faster than within a sweep
+        raise SpecError(
+            f"line {line.number}",
+            f"would send {a_line / period:.3g} pulses/s, and within its sweeps it sends {rate:.3g}: several "
+            "lines were taken as one; number them as point_source_id, or part their times by more than "
+            f"{PAUSE:g} s",
+        )
     return FlownPattern(
         pulse_rate=float(np.clip(a_line / period, 1, 1e9)),
         line_rate=1 / period,
