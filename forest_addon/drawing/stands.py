@@ -165,6 +165,7 @@ def show_intensity(axes: Axes, points: np.ndarray, at: At, window: Window) -> No
         cmap="YlGn",
         vmin=0,
         interpolation="bilinear",
+        alpha=0.5,  # where it is highest, and everywhere where it is uniform, dots would be dark on dark
     )
     size = float(np.clip(60 / np.sqrt(max(len(points), 1)), 0.3, 3))
     axes.plot(*points.T, "o", color=INK, markersize=size, linestyle="none", markeredgewidth=0)

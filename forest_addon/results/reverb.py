@@ -45,21 +45,23 @@ def _figures(reverb: Reverb, response: ImpulseResponse, seen: Seen | None) -> li
     held, missing = terms_of(reverb, response.stand)
     name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
     return [
-        *of_response(response, trunks),
+        *of_response(response, trunks, reverb.duration or np.inf),
         numbers("model", "", name),
         numbers("in the model", "", "; ".join(held)),
         numbers("not in the model", "", "; ".join(missing)),
     ]
 
 
-def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Figure]:
-    """Measures are those of the first channel."""
+def of_response(
+    response: ImpulseResponse, trunks: int | None = None, record: float = np.inf
+) -> list[Figure]:
+    """Measures are those of the first channel; record : s, where sound may come later (``_doubts``)."""
     channels = response.channels
     listed = ", ".join(channel.channel for channel in channels[:SHOWN_CHANNELS])
     if len(channels) > SHOWN_CHANNELS:
         listed += f" and {len(channels) - SHOWN_CHANNELS} more"
     measured = room_metrics(response.samples, response.sample_rate, response.left_db)
-    seconds, clarity = measured.t30[0], measured.c50[0]
+    decay, clarity = np.where(measured.t30 <= record, measured.t30, np.nan), measured.c50[0]
     figures = [numbers("channels", "", listed)]
     if trunks is not None:
         figures.append(numbers("trunks cut from the scene", "", f"{trunks:,}"))
@@ -73,10 +75,10 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
         ),
         numbers("trunks beyond the field", "Beyond Field", f"{response.continued:,}"),
         numbers("trunks after the record's end", "Too Late", f"{response.late:,}"),
-        numbers("reverberation time", "Reverb Time", f"{seconds:.2f} s")
-        if np.isfinite(seconds)
+        numbers("reverberation time", "Reverb Time", f"{decay[0]:.2f} s")
+        if np.isfinite(decay[0])
         else words("reverberation time", "Reverb Time", "not reached"),
-        _by_octave("reverberation time by octave", measured.band, measured.t30, "s", 2),
+        _by_octave("reverberation time by octave", measured.band, decay, "s", 2),
         numbers("C50", "Clarity C50", f"{clarity:.1f} dB")
         if np.isfinite(clarity)
         else words("C50", "Clarity C50", "no late sound"),
@@ -225,12 +227,24 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
 
 
 def _doubts(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
-    """Return that a tolerance was not reached, where, and what to do."""
-    return tuple(
-        f"the sum over trunks may be {error:.0e} off from {low:g} to {2 * low:g} Hz, where "
-        f"{reverb.tolerance:.0e} was asked for. Set tolerance to 0 for the direct sum."
-        for low, error in sorted(response.errors.items())
-        if error > reverb.tolerance
+    """Return that a tolerance was not reached, where, or that a record is too short, and what to do."""
+    longest = np.fmax.reduce(
+        room_metrics(response.samples, response.sample_rate, response.left_db).t30
+    )
+    return (
+        *(
+            f"the record of {record:g} s is shorter than the reverberation time that its decay would give "
+            f"({longest:.2f} s at most): what is longer than the record is left out of the figures. "
+            "duration = 0 records all."
+            for record in [reverb.duration]
+            if 0 < record < longest
+        ),
+        *(
+            f"the sum over trunks may be {error:.0e} off from {low:g} to {2 * low:g} Hz, where "
+            f"{reverb.tolerance:.0e} was asked for. Set tolerance to 0 for the direct sum."
+            for low, error in sorted(response.errors.items())
+            if error > reverb.tolerance
+        ),
     )
 
 

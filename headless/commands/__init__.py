@@ -143,7 +143,8 @@ COMMANDS = (
             "--out": {
                 "type": Path,
                 "metavar": "DIR",
-                "help": "folder for the results (default out/SCENE)",
+                "help": "folder for the results (default out/SCENE; of a scene.toml or site.toml in DIR "
+                "out/DIR-scene, out/DIR-site)",
             },
             **RUN,
             "--workers": {
@@ -370,7 +371,7 @@ Exit code 4: some scenes could not be made; manifest.csv says why.""",
     ),
     Command(
         "species",
-        help="grow one tree of each preset: a table, and a contact sheet",
+        help="grow one tree of each preset: a table, and with --sheet a contact sheet",
         description="Grow one tree of each species and print its size, leaves and wood.",
         outputs=("sheet", "pictures", "close_ups"),
         is_folder=False,

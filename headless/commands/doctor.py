@@ -66,6 +66,9 @@ def _packages() -> list[str]:
             how = (
                 f'pip install "forest-sensing[{extra}]"' if extra else "pip install forest-sensing"
             )
-            said += f"{'; ' if said else ''}missing {', '.join(missing)}: {how}"
+            apart = (
+                ", in an environment of its own" if extra == "trees" else ""
+            )  # with an older scipy
+            said += f"{'; ' if said else ''}missing {', '.join(missing)}: {how}{apart}"
         print(f"{f'[{extra}]' if extra else 'packages':<15} {said}")
     return [name for name in wanted.get("", ()) if not installed(name)]

@@ -54,14 +54,14 @@ def run(chosen: argparse.Namespace) -> None:
     SpecError : words that do not go together, or what cannot be scanned.
     """
     if chosen.list:
-        print(f"{'scanner':<20}{'instrument':<34}{'on':<22}{'range, m':>10}{'mrad':>12}{'kHz':>7}")
+        print(f"{'scanner':<20}{'instrument':<44}{'on':<22}{'range, m':>10}{'mrad':>12}{'kHz':>7}")
         for name in scanner_names():
             file = read_scanner(name)
             kind, table = next(iter(file.tables.items()))
             sensor = structure(table, SENSORS[kind])
             spread = " x ".join(f"{a:g}" for a in dict.fromkeys(sensor.beam.divergence_mrad))
             print(
-                f"{name:<20}{file.title:<34}{', '.join(file.tables):<22}"
+                f"{name:<20}{file.title:<44}{', '.join(file.tables):<22}"
                 f"{sensor.max_range:>10g}{spread:>12}{sensor.pulse_rate / 1e3:>7.0f}"
             )
         return
@@ -274,17 +274,21 @@ def size_of(path: Path, metres: float, low: np.ndarray, high: np.ndarray) -> tup
     metres : of a unit of the file. low, high : (3,) m, corners of all that it shows.
     """
     east, north, height = high - low
-    unit = "metres" if metres == 1 else f"units of {metres:g} m"
     up = UP.get(path.suffix.lower(), "")
     told = [f"{length:,.0f}" if length >= 100 else f"{length:.3g}" for length in high - low]
     size = "{} by {} m, {} m high".format(*told)
-    said = f"{path.name}: read in {unit}, {f'{up} up' if up else 'up as it says'}: {size}"
-    wide = max(east, north)
-    doubt = ""
-    if max(wide, height) < SMALLEST or (height > TALLEST and height > wide / 4):
+    said = (
+        f"{path.name}: read in {'metres' if metres == 1 else f'units of {metres:g} m'}, "
+        f"{f'{up} up' if up else 'up as it says'}: {size}"
+    )
+    steep = height > max(east, north) / 4
+    if max(high - low) < SMALLEST or (height > TALLEST and steep):
         doubt = "no size of a tree or a plot: if its unit is another, scale it"
-    elif up and low[2] < -height / 4 and height > wide / 4:
+    elif up and low[2] < -height / 4 and steep:
         other = "Z" if up == "Y" else "Y"
         doubt = f"{-low[2]:.3g} m of it lie below 0: if it has {other} up, turn it"
-    mend = "in Blender (Import has Scale and Up), save a .blend and scan that"
-    return said, f"{path.name}: {size}, {doubt} {mend}" if doubt else ""
+    else:
+        return said, ""
+    return said, (
+        f"{path.name}: {size}, {doubt} in Blender (Import has Scale and Up), save a .blend and scan that"
+    )

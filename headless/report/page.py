@@ -295,7 +295,7 @@ def write(
 <section><h2>Times</h2><table>{times}
 <tr class="sum"><td>together</td><td>{sum(seconds.values()):.2f} s</td></tr></table></section>
 <section><h2>Files</h2><ul class="files">{listed}</ul>
-<p>run.json holds versions, seed and every parameter of this run.</p></section>
+<p>The JSON file holds versions, seed and every parameter of this run.</p></section>
 </main>{code}</body></html>
 """
     write_whole(path, page)

@@ -176,6 +176,21 @@ def test_a_reverb_whose_tolerance_was_not_reached_is_warned_of():
     assert RESULTS["reverb"].doubts(Reverb(tolerance=1e-3), found) == ()
 
 
+def test_a_record_shorter_than_its_reverberation_time_tells_none():
+    """A decay of 60 dB a second, of which 0.3 s are recorded, tells more than it lasts."""
+    short = dataclasses.replace(
+        response(),
+        **{part: getattr(response(), part)[:7200] for part in ("direct", "ground", "trees")},
+    )
+    told = RESULTS["reverb"].doubts(Reverb(duration=0.3), short)
+    assert len(told) == 1
+    assert "the record of 0.3 s is shorter" in told[0]
+    assert facts(figures_of(Reverb(duration=0.3), short))["reverberation time"] == "not reached"
+    assert RESULTS["reverb"].doubts(Reverb(duration=0.0), short) == ()
+    assert "s" in facts(figures_of(Reverb(duration=0.0), short))["reverberation time"].split()
+    assert RESULTS["reverb"].doubts(Reverb(duration=1.5), response()) == ()
+
+
 def test_the_tail_says_how_sure_its_level_is():
     error = np.array([np.nan, 5.25, *np.full(len(octave_bands(24_000.0)) - 2, 0.3)])
     found = of_response(dataclasses.replace(response(), tail_error=error))

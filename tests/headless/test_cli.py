@@ -270,6 +270,12 @@ def test_a_mistyped_scene_is_answered_with_the_nearest_in_python():
         api.read("dmo")
 
 
+def test_columns_of_scanners_stand_apart(capsys):
+    assert main(["lidar", "--list"]) == 0
+    for row in capsys.readouterr().out.splitlines():
+        assert re.search(r" (on|terrestrial|mobile|airborne)\b", row)
+
+
 def test_doctor_names_what_computes_and_how_to_get_what_is_missing(monkeypatch, capsys):
     assert main(["doctor"]) == 0
     said = capsys.readouterr().out
@@ -283,6 +289,10 @@ def test_doctor_names_what_computes_and_how_to_get_what_is_missing(monkeypatch, 
     assert "missing scipy: pip install forest-sensing" in told.out
     assert "C compiler" in told.out
     assert "Blender, scipy missing" in told.err
+    monkeypatch.setattr(metadata, "version", lambda name: _version_but_of(name, "3DFin"))
+    main(["doctor"])
+    apart = 'pip install "forest-sensing[trees]", in an environment of its own'
+    assert f"missing 3DFin: {apart}" in capsys.readouterr().out
 
 
 def _version_but_of(name, missing):

@@ -110,7 +110,10 @@ def parts_of_echoes(pings: Pings, share: float) -> list[AuditPart]:
     if 0 < promised < told:
         promised = CAUTION * told
     allowed = promised + (sonar.cull if culled else 0.0) + ROUNDING + _of_phases(echoes)
-    what = f"combs of {COMB} bins of the spectrum by the direct sum over {which}"
+    what = (
+        f"{'comb' if combs == 1 else 'combs'} of {COMB} bins of the spectrum by the direct sum "
+        f"over {which}"
+    )
     part = _Rows(echoes, strides)
     made = [figures(vars(echo), _figures(pings, echo)) for echo in echoes if echo.moments <= PIECES]
     made += [

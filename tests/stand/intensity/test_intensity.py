@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from scipy import integrate
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
+from forest_addon.drawing.figures import blank_figure
+from forest_addon.drawing.stands import show_intensity
 from forest_addon.formats.raster_file import GeoRaster
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Forest, Gaussian, Grammar, Planting, Raster, Scene, Species, Terrain
@@ -23,6 +26,7 @@ from forest_addon.stand.intensity.surface import (
 )
 from forest_addon.stand.layouts import Process, quadrature
 from forest_addon.stand.plan import plan_field, plan_stand
+from forest_addon.stand.statistics.intensity import Window
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM: far from the origin
 STAR = np.array(
@@ -535,3 +539,22 @@ def test_flat_ground_has_its_height():
     field = Forest(size=(20.0, 20.0), terrain=Terrain(base=12.5))
     stand = plan_stand(1, field, [Planting(species="m", expected=20)])
     assert set(stand.position[:, 2].tolist()) == {12.5}
+
+
+def test_trees_are_seen_on_a_uniform_intensity():
+    """Contrast of dots and ground by WCAG, of which 3 is what shapes need."""
+    figure = blank_figure((4.0, 4.0))
+    axes = figure.add_subplot()
+    window = Window.rectangle((0.0, 0.0), (50.0, 50.0))
+    show_intensity(axes, np.full((1, 2), 25.0), lambda places: np.full(len(places), 0.02), window)
+    (image,), (dot, *_) = axes.images, axes.lines
+    shown = np.array(image.cmap(image.norm(200.0))[:3])
+    paper = np.array(to_rgb(axes.get_facecolor()))
+    ground = paper + (shown - paper) * (1.0 if image.get_alpha() is None else image.get_alpha())
+
+    def luminance(colour):
+        linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    dark, light = sorted((luminance(np.array(to_rgb(dot.get_color()))), luminance(ground)))
+    assert (light + 0.05) / (dark + 0.05) > 3.0
