@@ -329,7 +329,7 @@ def _on_map_or_not(vertices: np.ndarray, scene: spec.Scene, file: str) -> tuple[
         raise SpecError(
             "forest.terrain.file",
             f"{file} has heights of {vertices[:, 2].min():,.7g} to {vertices[:, 2].max():,.7g} m; export it "
-            "in metres",
+            "in metres, with z up",
         )
     for shift, words in (((0, 0, 0), "the scene's own"), (scene.offset, "map")):
         low, high = (vertices - shift).min(axis=0)[:2], (vertices - shift).max(axis=0)[:2]
@@ -337,7 +337,7 @@ def _on_map_or_not(vertices: np.ndarray, scene: spec.Scene, file: str) -> tuple[
             return vertices - shift, f"{file} is a surface, read at {words} coordinates in metres"
     _refuse_elsewhere(
         "forest.terrain.file",
-        file,
+        f"{file} (read with z up)",
         scene,
         (low, high),
         lambda place: ((place >= low) & (place <= high)).all(axis=1),

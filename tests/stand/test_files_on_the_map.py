@@ -534,6 +534,24 @@ SURFACES = {
 }
 
 
+@pytest.mark.parametrize(
+    ("east", "north", "crs", "said"),
+    [
+        (0.0, 0.0, "", r"a.obj \(read with z up\) reaches over x"),
+        (0.0, 0.0, "EPSG:25832", r"a.obj \(read with z up\): coordinates of .* are far from"),
+        (EAST, NORTH, "", "in metres, with z up"),
+    ],
+)
+def test_a_surface_with_y_up_is_refused_with_the_axis(tmp_path, east, north, crs, said):
+    if crs:
+        pytest.importorskip("pyproj")
+    corners = [(0, 0), (WIDE, 0), (WIDE, HIGH), (0, HIGH)]
+    placed = [(east + x, 300.0 + y / 10, -north - y) for x, y in corners]
+    obj(placed, tmp_path / "a.obj", "")
+    with pytest.raises(SpecError, match=said):
+        ground_of(tmp_path, scene("a.obj", offset=(0.0, 0.0, 0.0), crs=crs))
+
+
 @pytest.mark.parametrize("name", SURFACES)
 def test_a_surface_is_read_where_it_lies(tmp_path, name):
     """In the scene's own metres, and on the map: both are the plane."""
