@@ -131,14 +131,10 @@ def _keep(mesh: TriMesh, vertices: np.ndarray) -> None:
 TriMesh.vertices = property(  # type: ignore[assignment]
     lambda mesh: mesh.points.astype(np.float64, copy=False), _keep
 )
-
-
-def _texture(mesh: TriMesh) -> np.ndarray | None:
-    given = vars(mesh)["uv"]
-    return given() if callable(given) else given
-
-
-TriMesh.uv = property(_texture, lambda mesh, given: vars(mesh).update(uv=given))  # type: ignore[assignment]
+TriMesh.uv = property(  # type: ignore[assignment]
+    lambda mesh: vars(mesh)["uv"]() if callable(vars(mesh)["uv"]) else vars(mesh)["uv"],
+    lambda mesh, given: vars(mesh).update(uv=given),
+)
 
 
 def join(meshes: Sequence[TriMesh]) -> TriMesh:
