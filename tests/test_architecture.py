@@ -97,7 +97,7 @@ BUDGETS = {
     "forest_addon": (459, 3),
     "forest_addon/acoustics": (1084, 14),
     "forest_addon/api": (862, 5),
-    "forest_addon/base": (390, 13),
+    "forest_addon/base": (387, 13),
     "forest_addon/blender": (5081, 38),
     "forest_addon/drawing": (593, 6),
     "forest_addon/flight": (1806, 12),
