@@ -27,8 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from .base.digest import digest
-from .base.kept import LastAsked
+from .base.kept import LastAsked, digest
 from .base.places import version
 from .base.progress import Progress
 from .base.rows import Drawn, blocks, distinct, slots

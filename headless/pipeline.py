@@ -25,7 +25,7 @@ import numpy as np
 
 from forest_addon import kernels
 from forest_addon.api import Result, Site, World
-from forest_addon.base.digest import digest
+from forest_addon.base.kept import digest
 from forest_addon.base.places import version
 from forest_addon.base.progress import Progress
 from forest_addon.blender.files.export import (

@@ -81,14 +81,10 @@ class Stages:
         if not self.quiet:
             self._print(text)
 
-    def detail(self, text: str) -> None:
-        """Print a line that few want to read, where it was asked for."""
-        if self.verbose:
-            self.say(f"  {text}")
-
     def say_audit(self, name: str, audit: Audit) -> None:
         """Say an audit; what it doubts is an error at the end."""
-        self.detail(str(audit))
+        if self.verbose:
+            self.say(f"  {audit}")
         self._doubts += [] if audit.kept else [f"{name}: {audit}"]
 
     def end(self, out: Path) -> None:

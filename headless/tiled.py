@@ -22,7 +22,7 @@ import numpy as np
 
 from forest_addon.api import TiledScan, Tiling, World
 from forest_addon.api.results import is_scanner
-from forest_addon.base.digest import digest
+from forest_addon.base.kept import digest
 from forest_addon.base.rng import stream
 from forest_addon.blender.files.export import empty_file
 from forest_addon.blender.read.depsgraph import forget

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.digest import digest
+from ..base.kept import digest
 from .kept_tables import kept_table
 
 FILE = Path(__file__).with_name("hard_disc.npz")

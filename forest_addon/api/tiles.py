@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from ..base.digest import digest
+from ..base.kept import digest
 from ..base.progress import Progress
 from ..base.rng import stream
 from ..formats.ownership import remove

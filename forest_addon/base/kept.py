@@ -1,10 +1,15 @@
-"""Values kept for the next time they are asked for, so many or so large at most."""
+"""Values kept for the next time they are asked for, so many or so large at most, and digests by which what is
+made of the same is known again."""
 
 from __future__ import annotations
 
+import json
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from collections.abc import Callable, Hashable, Iterable
+from hashlib import blake2b
+from typing import Any, Generic, TypeVar
+
+import numpy as np
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
@@ -35,3 +40,15 @@ class LastAsked(Generic[K, V]):
         while self._size > self.limit and len(self._values) > 1:
             self._size -= self._size_of(self._values.popitem(last=False)[1])
         return value
+
+
+def digest(parts: Iterable[Any]) -> str:
+    """Hexadecimal BLAKE2b of parts, one after the other: bytes and arrays as they are, all else as JSON."""
+    total = blake2b(digest_size=16)
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            part = np.ascontiguousarray(part)
+        elif not isinstance(part, bytes):
+            part = json.dumps(part, sort_keys=True, default=str).encode()
+        total.update(part)
+    return total.hexdigest()

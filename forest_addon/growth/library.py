@@ -24,8 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.digest import digest
-from ..base.kept import LastAsked
+from ..base.kept import LastAsked, digest
 from ..base.places import ASSETS, file_name, version
 from ..base.progress import Progress
 from ..base.trimesh import LEAF, TriMesh

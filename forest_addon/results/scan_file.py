@@ -20,7 +20,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..base.digest import digest
+from ..base.kept import digest
 from ..base.progress import Progress
 from ..formats.atomic import replacing
 from ..formats.ownership import claim

@@ -24,6 +24,7 @@ def run(chosen: argparse.Namespace) -> None:
         from ..pipeline import claim_files, run_blend, run_scene
     if not is_blend:
         claim_files(settings, chosen.out, dry)
+    doubt = None
     how = {"quiet": chosen.quiet, "resume": chosen.resume, "strict": chosen.strict}
     if settings.tiles.size:
         from ..dataset.engine import (
@@ -61,12 +62,9 @@ def run(chosen: argparse.Namespace) -> None:
                 run_blend(scene, chosen.out, **how)
             else:
                 run_scene(settings, scene.resolve().parent, chosen.out, **how)
-        except DoubtfulError:  # all is written
-            _print_record(chosen)
-            raise
-    _print_record(chosen)
-
-
-def _print_record(chosen: argparse.Namespace) -> None:
+        except DoubtfulError as problem:  # all is written
+            doubt = problem
     if chosen.json:
         print((chosen.out / "run.json").read_text(encoding="utf-8"))
+    if doubt is not None:
+        raise doubt

@@ -17,8 +17,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from forest_addon.base.digest import digest
-from forest_addon.base.kept import LastAsked
+from forest_addon.base.kept import LastAsked, digest
 from forest_addon.base.rng import stream
 from forest_addon.blender.files.export import empty_file, open_file
 from forest_addon.blender.sensors.observe import Observer

@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from forest_addon.base.digest import digest
+from forest_addon.base.kept import digest
 
 
 def test_digest_is_of_the_bytes_in_their_order_however_an_array_lies_in_memory():

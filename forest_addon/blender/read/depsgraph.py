@@ -21,7 +21,7 @@ from weakref import WeakValueDictionary
 import bpy
 import numpy as np
 
-from ...base.digest import digest
+from ...base.kept import digest
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry

@@ -23,7 +23,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...base.digest import digest
+from ...base.kept import digest
 from ...base.trimesh import TriMesh
 from ...growth.truth import MEASURES
 from .layout import (

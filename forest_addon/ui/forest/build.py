@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ...base.digest import digest
+from ...base.kept import digest
 from ...base.places import ASSETS
 from ...base.progress import Progress
 from ...blender.jobs import Job, Task, Work
