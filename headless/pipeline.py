@@ -73,6 +73,7 @@ from forest_addon.stand.forest import (
     leaf_count,
     leaf_table,
     met_targets,
+    missed_measures,
     tree_table,
     variant_leaf_table,
 )
@@ -502,6 +503,8 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
         run.findings[0] = dataclasses.replace(run.findings[0], notes=notes)
         run.findings.append(page.Finding("Pictures", sentence, {}))
     for note in forest.notes:
+        run.stages.warn(note)
+    for note in missed_measures(forest, settings, inputs):
         run.stages.warn(note)
     met = met_targets(forest)
     told = page.targets_finding(met)

@@ -45,6 +45,8 @@ from .table import (
 PLACES = (  # names of x and y, the first pair that a table has
     *("x y", "xutm yutm", "utmx utmy", "utme utmn", "adjeasting adjnorthing", "easting northing"),
     *("east north", "gx gy", "px py", "pointx pointy", "xcoord ycoord", "coordx coordy"),
+    *("utmost utmnord", "utmeasting utmnorthing", "utmrechtswert utmhochwert", "ostutm nordutm"),
+    *("eastingutm northingutm", "eastutm northutm", "eutm nutm"),
     *("xkoordinate ykoordinate", "koordinatex koordinatey", "xkoord ykoord"),
     *("rechtswert hochwert", "ostwert nordwert", "xl93 yl93", "xlambert93 ylambert93", "est nord"),
     *("ost nord", "este norte", "leste norte", "coordenadax coordenaday", "eastings northings"),
@@ -193,9 +195,10 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     count = "1 tree" if len(keep) == 1 else f"{len(keep):,} trees"
     said = (f"{count} of {path.name}: {columns}", *sheet.said)
     trees = TreeMap(position, species[keep], line[keep], numbers[keep], said, crs)
-    return _with_stems(
+    joined = _with_stems(
         path, trees, [groups[row] for row in keep], [sheet.rows[row] for row in keep]
     )
+    return replace(joined, said=(*joined.said, *_into_each_other(path, joined)))
 
 
 @guarded("a CSV file with columns x, y and ring", most=MOST)
@@ -239,9 +242,9 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     if both:
         columns |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
     elif not {"distance", "azimuth"} <= set(columns):
-        axis = "y" if any(x for x, _ in pairs) else "x"
+        axis, both = ("y", "y") if any(x for x, _ in pairs) else ("x", "x, another y")
         shown = ", ".join(filter(HEADING.fullmatch, head))
-        there = f", only {shown}; call one of them {axis}" if shown else f"; name one {axis}"
+        there = f", only {shown}; call one of them {both}" if shown else f"; name one {axis}"
         raise SpecError(str(path), f"has no column {axis}{there}, or give distance and azimuth")
     if {"treeid", "z"} <= set(whole) and not {"height", "scale"} & set(columns):
         columns["height"] = (whole["z"], 1.0, "")  # tree tops of lidR
@@ -284,10 +287,11 @@ def _words(sheet: Sheet) -> str:
     """Say which columns were taken for what, and which were not used."""
     aside = ("ring", "plot", "census", "zone")
     columns = {key: one for key, one in sheet.columns.items() if key not in aside}
-    taken = [
-        f"{key} = {sheet.head[at].strip()}{f' ({unit})' if unit else ''}"
-        for key, (at, _, unit) in sorted(columns.items(), key=lambda item: item[1][0])
-    ]
+    taken = []
+    for key, (at, _, unit) in sorted(columns.items(), key=lambda item: item[1][0]):
+        name = sheet.head[at].strip()
+        shown = not unit or name.endswith((f"({unit})", f"[{unit}]"))
+        taken.append(f"{key} = {name}" + ("" if shown else f" ({unit})"))
     used = {at for at, *_ in columns.values()}
     left = [name.strip() for at, name in enumerate(sheet.head) if at not in used and name.strip()]
     missing = {word: key for key in {*COLUMNS} - {*sheet.columns} for word in COLUMNS[key].split()}
@@ -432,6 +436,27 @@ def _with_stems(
         numbers=numbers[order],
         said=(*trees.said, *said),
     )
+
+
+def _into_each_other(path: Path, trees: TreeMap) -> list[str]:
+    """A sentence on trees that stand nearer to their nearest than the radii of both trunks reach."""
+    radius = trees.numbers[:, NUMBERS.index("dbh")] / 2
+    if len(trees) < 2:
+        return []
+    apart, nearest = scipy.spatial.cKDTree(trees.position).query(trees.position, k=2)
+    other = nearest[:, 1]
+    close = np.flatnonzero(apart[:, 1] < radius + radius[other])
+    pairs = {(*sorted((row, int(other[row]))), apart[row, 1]) for row in close.tolist()}
+    shown = [
+        f"{trees.line[a]} and {trees.line[b]} ({gap:.2g} m)" for a, b, gap in sorted(pairs)[:STEMS]
+    ]
+    if not pairs:
+        return []
+    more = f", and {len(pairs) - STEMS:,} pairs more" if len(pairs) > STEMS else ""
+    return [
+        f"{path.name}: trees stand nearer to each other than their trunks are thick: rows {', '.join(shown)}"
+        f"{more}; did you mean one tree each?"
+    ]
 
 
 # ---------------------------------------------------------------------------------- files into cells

@@ -24,19 +24,19 @@ SAME: dict[str, tuple[str, ...]] = {
     "position": ("poses", "receiver")
 }  # a word, and what else its thing is called
 CODES = {  # of inventories for a species: Latin, German, numbers of FIA, symbols of USDA
-    "douglas-fir": "pseudotsuga-menziesii dgl dougl 202 psme",
+    "douglas-fir": "pseudotsuga-menziesii dgl dougl douglasie 202 psme",
     "european-ash": "fraxinus-excelsior es esche frex",
     "european-beech": "fagus-sylvatica bu rbu buche rotbuche fasy",
-    "european-larch": "larix-decidua la lä elä lärche lade2",
-    "ginkgo": "ginkgo-biloba 561 gibi2",
-    "hazelnut": "corylus-avellana hasel coav",
+    "european-larch": "larix-decidua la lä elä lärche laerche larche lade2",
+    "ginkgo": "ginkgo-biloba ginko 561 gibi2",
+    "hazelnut": "corylus-avellana hasel haselnuss coav",
     "norway-maple": "acer-platanoides ah sah spitzahorn 320 acpl",
-    "norway-spruce": "picea-abies fi fichte 91 piab",
+    "norway-spruce": "picea-abies fi fichte rotfichte 91 piab",
     "pedunculate-oak": "quercus-robur ei sei eiche stieleiche quro2",
-    "ponderosa-pine": "pinus-ponderosa 122 pipo",
-    "scots-pine": "pinus-sylvestris ki kie kiefer 130 pisy",
-    "silver-birch": "betula-pendula bi birke bepe3",
-    "silver-fir": "abies-alba ta tanne weißtanne abal3",
+    "ponderosa-pine": "pinus-ponderosa gelbkiefer 122 pipo",
+    "scots-pine": "pinus-sylvestris ki kie kiefer waldkiefer föhre 130 pisy",
+    "silver-birch": "betula-pendula bi birke sandbirke hängebirke bepe3",
+    "silver-fir": "abies-alba ta tanne weißtanne weisstanne abal3",
 }
 SAME |= {code: (name,) for name, codes in CODES.items() for code in codes.split()}
 LATIN = {codes.split()[0]: name for name, codes in CODES.items() if "-" in codes.split()[0]}
@@ -84,6 +84,13 @@ def nearest(name: str, known: Iterable[str]) -> list[str]:
     genus = plain.partition("-")[0]  # of a Latin name, another species of the same
     near = near or [full for latin, full in LATIN.items() if latin.partition("-")[0] == genus]
     return near or difflib.get_close_matches(name, names, 1)
+
+
+def stands_for(name: str, known: Iterable[str]) -> str:
+    """The known name that a word or a code stands for; itself where it is known, or stands for none."""
+    names = set(known)
+    words = (name, *SAME.get(name.strip().lower().replace(" ", "-"), ()))
+    return next((word for word in words if word in names), name)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

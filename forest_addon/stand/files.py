@@ -33,9 +33,11 @@ from ..formats.table import LENGTHS
 from ..formats.tree_map import NUMBERS, TreeMap, read_tree_map
 from ..growth.library import read_allometry
 from ..spec import SpecError
+from ..spec.base import stands_for
 from ..spec.forest import METRES
 from .compose import Inputs, TreeList, on_field
 from .intensity.surface import GroundSurface, Heightmap, IntensityError, Triangulated, refuse_pixels
+from .plan import labels
 
 MOST = {"dbh": 5.0, "height": 150.0, "crown_width": 100.0, "crown_base": 150.0}  # metres
 USUAL = {
@@ -46,8 +48,10 @@ USUAL = {
 USUAL["crown_base"] = USUAL["height"]
 
 
-# Of stems from so many metres on, how many times they are as tall as thick in no stand, in the median.
+# Of stems so thick, and of trees so tall, in metres: how many times they are as tall as thick in no stand,
+# in the median.
 THIN, SLENDER = 0.1, 140.0
+TALL, SLENDEREST = 5.0, 300.0
 
 
 class ElsewhereError(SpecError):
@@ -122,14 +126,15 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
             f"row {trees.line[row]}: the crown begins above the top of the tree; correct crown_base or "
             "height",
         )
-    dbh, height = trees.numbers[:, 2:4][trees.numbers[:, 2] >= THIN].T
-    slender = float(np.nanmedian(height / dbh)) if np.isfinite(height).any() else 0.0
-    if slender > SLENDER:
-        raise SpecError(
-            str(path),
-            f"half of the trees are {slender:.0f} times as tall as thick, and no stand is {SLENDER:g} "
-            "times; say the units in the header, as height_ft or dbh_cm",
-        )
+    dbh, height = trees.numbers[np.isfinite(trees.numbers[:, 2:4]).all(axis=1), 2:4].T
+    for rows, most in ((dbh >= THIN, SLENDER), (height >= TALL, SLENDEREST)):
+        slender = float(np.median((height / dbh)[rows])) if rows.any() else 0.0
+        if slender > most:
+            raise SpecError(
+                str(path),
+                f"half of the trees are {slender:.0f} times as tall as thick, and no stand is {most:g} "
+                "times; say the right units in the header, as height_ft or dbh_cm",
+            )
 
 
 def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
@@ -154,7 +159,7 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
                 )
         if planting.layout == "list" and planting.trees and planting.trees not in lists:
             path = folder / planting.trees
-            listed = read_tree_list(path, settings.offset, settings.crs)
+            listed = _named(read_tree_list(path, settings.offset, settings.crs), path, settings)
             if len(listed):
                 _refuse_treeless(f"plantings[{number}].trees", planting.trees, listed, settings)
             lists[planting.trees] = listed
@@ -167,6 +172,20 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
         told.append(said)
     return Inputs(
         rasters=rasters, lists=lists, terrain=terrain, allometries=allometries, told=tuple(told)
+    )
+
+
+def _named(listed: TreeList, path: Path, scene: spec.Scene) -> TreeList:
+    """A list with the names of what is planted in place of other words and codes for it; says which."""
+    if listed.species is None:
+        return listed
+    planted = [*labels(scene.plantings), *(planting.species for planting in scene.plantings)]
+    kinds = {name: stands_for(name, planted) for name in dict.fromkeys(listed.species)}
+    taken = [f'"{name}" is planted as {kind}' for name, kind in kinds.items() if name != kind]
+    return replace(
+        listed,
+        species=tuple(kinds[name] for name in listed.species),
+        said=(*listed.said, *([f"{path.name}: {', '.join(taken)}"] if taken else [])),
     )
 
 

@@ -55,6 +55,7 @@ from .measured import (
     dbh_at,
     found_in,
     in_band,
+    misses,
     not_met,
     scales_for,
     targets_met,
@@ -477,6 +478,17 @@ def met_targets(forest: GrownForest) -> list[TargetsMet]:
     return targets_met(
         tree_table(forest), stand.species, forest.labels, forest.wanted, forest.laws, missed
     )
+
+
+def missed_measures(forest: GrownForest, scene: Scene, inputs: Inputs) -> list[str]:
+    """Sentences on trees of lists that do not measure what their list gives."""
+    plantings, names = scene.plantings, forest.labels
+    listed = [number for number, one in enumerate(plantings) if one.layout == "list"]
+    if forest.wanted is None or not listed:
+        return []
+    found = found_in(tree_table(forest))
+    said = (misses(number, names, plantings, inputs, forest.stand, found) for number in listed)
+    return [sentence for sentence in said if sentence]
 
 
 def stacked(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

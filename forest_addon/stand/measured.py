@@ -265,6 +265,16 @@ def _groups(
         listed = _listed(number, names, plantings, inputs)
         if len(listed) and not alone:
             told = listed[stand.number[rows]]
+            gaps = [
+                f"{many:,} without {name}"
+                for name, many in zip(TARGETS, np.isnan(told[:, :2]).sum(axis=0), strict=False)
+                if 0 < many < len(rows)
+            ]
+            if gaps:
+                ignored.append(
+                    f"{names[number]}: of the {len(rows):,} trees of its list, {' and '.join(gaps)}, which "
+                    "is drawn"
+                )
             if law is not None:
                 _refuse_units(planting.trees or names[number], law, told)
             given = np.where(np.isfinite(told[:, 1:]), told[:, 1:], given)
@@ -422,6 +432,36 @@ def _listed(
     if listed is None or listed.measures is None:
         return np.empty((0, 5))
     return listed.measures[chosen_of(number, names, plantings, listed)]
+
+
+def misses(
+    number: int,
+    names: Sequence[str],
+    plantings: Sequence[Planting],
+    inputs: Inputs,
+    stand: Stand,
+    found: np.ndarray,
+) -> str:
+    """A sentence on trees of a planting's list that do not measure what it gives; "" where all do.
+
+    found : (N, 5) what the trees of the stand measure.
+    """
+    rows = np.flatnonzero((stand.species == number) & (stand.number >= 0))
+    listed = _listed(number, names, plantings, inputs)
+    if not len(listed) or not len(rows):
+        return ""
+    told, found = listed[stand.number[rows]], found[rows]
+    missed = np.isfinite(told) & np.isfinite(found) & ~reached(told, found)
+    if not missed.any():
+        return ""
+    off = np.where(missed, np.abs(found / told - 1), 0.0)
+    worst, column = divmod(int(off.argmax()), len(TARGETS))
+    name = TARGETS[column]
+    return (
+        f"{names[number]}: {missed.any(axis=1).sum():,} of the {len(rows):,} trees of its list do not meet "
+        f"their measures, at worst a {name} of {found[worst, column]:.3g} in place of "
+        f"{told[worst, column]:.3g} {UNITS[name]}; trees.csv says which (not_met), more variants come nearer"
+    )
 
 
 def _list_of(planting: Planting, inputs: Inputs) -> TreeList | None:

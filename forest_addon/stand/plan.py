@@ -45,6 +45,7 @@ from ..spec import (
     Targets,
     quoted_with_hints,
 )
+from ..spec.base import CODES
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.surface import GroundSurface, IntensityError
 from .layouts import (
@@ -428,8 +429,8 @@ def chosen_of(
     if unknown:
         are = "is" if len(unknown) == 1 else "are"
         raise IntensityError(
-            f"{source}: the species {quoted_with_hints(unknown, every)} {are} not planted; use one of "
-            f"{', '.join(every)}"
+            f"{source}: the species {quoted_with_hints(unknown, [*every, *CODES])} {are} not planted; use "
+            f"one of {', '.join(every)}, or plant what is missing"
         )
     return np.flatnonzero(np.isin(np.array(listed.species), [names[number], planting.species]))
 

@@ -230,7 +230,7 @@ def test_what_was_taken_and_what_was_left_is_told(tmp_path):
         "4,3,3,12,1,alive\n5,3,3,9,1,alive\n"
     )
     said = read_tree_list(tmp_path / "t.csv").said
-    assert "dbh = BHD [cm] (cm)" in said[0]
+    assert "dbh = BHD [cm]," in said[0]
     assert "not used: tag, size" in said[0]
     assert said[1:3] == (
         "t.csv: left out 1 row without x or y",
@@ -463,6 +463,10 @@ def test_degrees_far_from_the_map_are_refused(tmp_path, place, said):
         ("x,y,year\n1,1,2010\n1,1,2020\n", "several plots or years at one place"),
         ("x,y,dbh_in,height\n1,2,12,60\n3,4,10,55\n", "times as tall as thick"),
         (
+            "x,y,BHD mm,h\n1,2,38,19\n3,4,15.8,11\n5,6,,9\n",
+            "598 times as tall as thick, .* 300 times",
+        ),
+        (
             "azimuth,dist\n0.3,4\n1.2,4\n5.9,3\n3.1,2\n",
             "no azimuth above 6.3; call the column azimuth_rad",
         ),
@@ -487,6 +491,11 @@ def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):
         ("x,y,plot\n1,1,a\n1,2,b\n", "rows of 2 values of plot are taken together"),
         ("x,y,year\n1,1,2010\n1,2,2020\n", "rows of 2 values of year are taken together"),
         ("x,y,dbh_2010,dbh_2020\n1,1,.2,.3\n", "column dbh_2010 is not used; did you mean dbh?"),
+        (
+            "x,y,dbh\n1,1,.37\n9,9,.2\n1.02,1,.37\n5,5,.3\n5.3,5,.32\n1.9,1,.3\n",
+            "nearer to each other than their trunks are thick: rows 2 and 4 (0.02 m), 5 and 6 (0.3 m); did "
+            "you mean",
+        ),
         (
             "distance,azimuth\n1,90\n",
             "in deg, clockwise from the map's north (not the magnetic one)",
@@ -581,7 +590,21 @@ def test_the_table_of_the_manual_is_read_as_it_says(tmp_path):
     assert trees.measures[:, 1] == pytest.approx([22.4, 21.0, 25.1, 17.9])
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        *("UTM Ost;UTM Nord", "UTM_E;UTM_N", "UTM-Ost [m];UTM-Nord [m]", "Ost_UTM;Nord_UTM"),
+        *("Easting (m);Northing (m)", "Easting_UTM;Northing_UTM", "UTM Easting;UTM Northing"),
+    ],
+)
+def test_places_of_utm_are_known_by_many_names(tmp_path, names):
+    (tmp_path / "t.csv").write_text(f"{names}\n447253,5;5421349,25\n")
+    assert read_tree_list(tmp_path / "t.csv").position.tolist() == [[447253.5, 5421349.25]]
+
+
 def test_a_table_without_places_is_told_by_its_columns(tmp_path):
     (tmp_path / "t.csv").write_text("Baum;BHD\n1;0,3\n")
-    with pytest.raises(SpecError, match="no column x, only Baum, BHD; call one of them x, or"):
+    with pytest.raises(
+        SpecError, match="no column x, only Baum, BHD; call one of them x, another y, or"
+    ):
         read_tree_list(tmp_path / "t.csv")

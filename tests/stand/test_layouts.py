@@ -115,6 +115,11 @@ STRANGERS = TreeList(position=np.zeros((3, 2)), species=("elm", "oka", "oak"))
     [
         ({"trees": "t.csv"}, {"t.csv": listed()}, '"elm" is not planted; use one of oak'),
         ({"trees": "t.csv"}, {"t.csv": STRANGERS}, r'"elm", "oka" \(did you mean "oak"\?\) are'),
+        (
+            {"trees": "t.csv"},
+            {"t.csv": TreeList(position=np.zeros((2, 2)), species=("Fichte", "Kiefer"))},
+            r'"Fichte" \(did you mean "norway-spruce"\?\), "Kiefer" \(did you mean "scots-pine"\?\) are',
+        ),
         ({"collection": "Mine"}, {}, '"Mine" is not here'),
     ],
 )

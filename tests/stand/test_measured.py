@@ -46,6 +46,7 @@ from forest_addon.stand.forest import (
     leaf_count,
     leaf_table,
     met_targets,
+    missed_measures,
     tree_table,
     variant_leaf_table,
     voxel_arrays,
@@ -169,16 +170,40 @@ TARGETS_LIST = "x,y,dbh,height\n2,2,0.10,8.0\n5,5,0.12,9.0\n8,8,0.16,9.5\n"
 LAW = read_allometry("betula", Path())
 
 
-def targets_grown(tmp_path, targets):
+GAPS = "x,y,dbh,height\n2,2,0.10,8.0\n5,5,0.11,15.0\n8,8,0.12,\n2,8,,9.0\n"
+
+
+def targets_scene(tmp_path, targets, variants=3, text=TARGETS_LIST):
     file = tmp_path / "plot.csv"
-    file.write_text(TARGETS_LIST)
+    file.write_text(text)
     planting = Planting(
-        species="honda-birch", layout="list", trees="plot.csv", variants=3, targets=targets
+        species="honda-birch", layout="list", trees="plot.csv", variants=variants, targets=targets
     )
     scene = Scene(seed=4, forest=Forest(size=(10, 10)), plantings=(planting,))
     lists = {"plot.csv": read_tree_list(file)}
-    inputs = Inputs(lists=lists, allometries={"betula": LAW} if targets else {})
+    return scene, Inputs(lists=lists, allometries={"betula": LAW} if targets else {})
+
+
+def targets_grown(tmp_path, targets, **options):
+    scene, inputs = targets_scene(tmp_path, targets, **options)
     return grow_forest(scene, [load_species(find_species("honda-birch", Path()))], None, inputs)
+
+
+def test_gaps_of_a_list_and_measures_that_are_missed_are_counted(tmp_path):
+    """One variant cannot have three heights: who is off, and the worst, as the table of trees says."""
+    betula = Targets(allometry="betula")
+    forest = targets_grown(tmp_path, betula, variants=1, text=GAPS)
+    assert forest.notes == (
+        "honda-birch: of the 4 trees of its list, 1 without dbh and 1 without height, which is drawn",
+    )
+    scene, inputs = targets_scene(tmp_path, betula, variants=1, text=GAPS)
+    (said,) = missed_measures(forest, scene, inputs)
+    height = np.array(tree_table(forest)["height_m"])
+    given = np.array([8.0, 15.0, np.nan, 9.0])
+    off = np.abs(height / given - 1)
+    worst = int(np.nanargmax(off))
+    assert f"{(off > 0.05).sum()} of the 4 trees of its list do not meet" in said
+    assert f"a height of {height[worst]:.3g} in place of {given[worst]:.3g} m; trees.csv" in said
 
 
 def test_target_and_reached_of_every_tree(tmp_path, monkeypatch):

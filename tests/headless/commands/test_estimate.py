@@ -122,7 +122,7 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
         ),
         ("", (), "is empty; it needs a header"),
         ("x,y\n", (), "has no trees below its header"),
-        ("a,b\n1,2\n", (), "has no column x, only a, b; call one of them x"),
+        ("a,b\n1,2\n", (), "has no column x, only a, b; call one of them x, another y"),
         ("x,y\n1,2\n3,zwei\n", (), 'row 3: y is "zwei", not a finite number'),
         ("x,y\n3,nan\n", (), "has no trees below its header"),
         ("x,y,bhd\n1,2,31.5\n3,4,28\n", ("maple",), "say the unit in the header, as dbh_cm"),
