@@ -242,9 +242,9 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     if both:
         columns |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
     elif not {"distance", "azimuth"} <= set(columns):
-        axis, both = ("y", "y") if any(x for x, _ in pairs) else ("x", "x, another y")
+        axis, asked = ("y", "y") if any(x for x, _ in pairs) else ("x", "x, another y")
         shown = ", ".join(filter(HEADING.fullmatch, head))
-        there = f", only {shown}; call one of them {both}" if shown else f"; name one {axis}"
+        there = f", only {shown}; call one of them {asked}" if shown else f"; name one {axis}"
         raise SpecError(str(path), f"has no column {axis}{there}, or give distance and azimuth")
     if {"treeid", "z"} <= set(whole) and not {"height", "scale"} & set(columns):
         columns["height"] = (whole["z"], 1.0, "")  # tree tops of lidR
