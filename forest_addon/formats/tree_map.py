@@ -287,11 +287,11 @@ def _words(sheet: Sheet) -> str:
     """Say which columns were taken for what, and which were not used."""
     aside = ("ring", "plot", "census", "zone")
     columns = {key: one for key, one in sheet.columns.items() if key not in aside}
-    taken = []
-    for key, (at, _, unit) in sorted(columns.items(), key=lambda item: item[1][0]):
-        name = sheet.head[at].strip()
-        shown = not unit or name.endswith((f"({unit})", f"[{unit}]"))
-        taken.append(f"{key} = {name}" + ("" if shown else f" ({unit})"))
+    taken = [
+        f"{key} = {sheet.head[at].strip()}"
+        + ("" if unit in ("", *words_of(sheet.head[at])) else f" ({unit})")
+        for key, (at, _, unit) in sorted(columns.items(), key=lambda item: item[1][0])
+    ]
     used = {at for at, *_ in columns.values()}
     left = [name.strip() for at, name in enumerate(sheet.head) if at not in used and name.strip()]
     missing = {word: key for key in {*COLUMNS} - {*sheet.columns} for word in COLUMNS[key].split()}
@@ -440,23 +440,18 @@ def _with_stems(
 
 def _into_each_other(path: Path, trees: TreeMap) -> list[str]:
     """A sentence on trees that stand nearer to their nearest than the radii of both trunks reach."""
-    radius = trees.numbers[:, NUMBERS.index("dbh")] / 2
-    if len(trees) < 2:
-        return []
-    apart, nearest = scipy.spatial.cKDTree(trees.position).query(trees.position, k=2)
-    other = nearest[:, 1]
-    close = np.flatnonzero(apart[:, 1] < radius + radius[other])
-    pairs = {(*sorted((row, int(other[row]))), apart[row, 1]) for row in close.tolist()}
-    shown = [
-        f"{trees.line[a]} and {trees.line[b]} ({gap:.2g} m)" for a, b, gap in sorted(pairs)[:STEMS]
-    ]
-    if not pairs:
-        return []
-    more = f", and {len(pairs) - STEMS:,} pairs more" if len(pairs) > STEMS else ""
-    return [
-        f"{path.name}: trees stand nearer to each other than their trunks are thick: rows {', '.join(shown)}"
-        f"{more}; did you mean one tree each?"
-    ]
+    radius = np.append(trees.numbers[:, NUMBERS.index("dbh")] / 2, np.nan)  # the last of no tree
+    tree = scipy.spatial.cKDTree(trees.position)
+    apart, nearest = (found[:, 1] for found in tree.query(trees.position, k=2))
+    close = np.flatnonzero(apart < radius[:-1] + radius[nearest]).tolist()
+    pairs = sorted({(*sorted((row, int(nearest[row]))), apart[row]) for row in close})
+    rows = [f"{trees.line[a]} and {trees.line[b]} ({gap:.2g} m)" for a, b, gap in pairs[:STEMS]]
+    what = "pair of trees stands" if len(pairs) == 1 else "pairs of trees stand"
+    said = (
+        f"{path.name}: {len(pairs):,} {what} nearer than their trunks are thick, rows {', '.join(rows)}; "
+        "did you mean one tree each?"
+    )
+    return [said] if pairs else []
 
 
 # ---------------------------------------------------------------------------------- files into cells

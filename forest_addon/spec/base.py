@@ -15,7 +15,7 @@ import math
 import os
 import types
 import typing
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -86,11 +86,10 @@ def nearest(name: str, known: Iterable[str]) -> list[str]:
     return near or difflib.get_close_matches(name, names, 1)
 
 
-def stands_for(name: str, known: Iterable[str]) -> str:
+def stands_for(name: str, known: Sequence[str]) -> str:
     """The known name that a word or a code stands for; itself where it is known, or stands for none."""
-    names = set(known)
     words = (name, *SAME.get(name.strip().lower().replace(" ", "-"), ()))
-    return next((word for word in words if word in names), name)
+    return next((word for word in words if word in known), name)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

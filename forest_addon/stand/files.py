@@ -32,8 +32,7 @@ from ..formats.stl import read_stl
 from ..formats.table import LENGTHS
 from ..formats.tree_map import NUMBERS, TreeMap, read_tree_map
 from ..growth.library import read_allometry
-from ..spec import SpecError
-from ..spec.base import stands_for
+from ..spec.base import SpecError, stands_for
 from ..spec.forest import METRES
 from .compose import Inputs, TreeList, on_field
 from .intensity.surface import GroundSurface, Heightmap, IntensityError, Triangulated, refuse_pixels
@@ -62,8 +61,15 @@ class ElsewhereError(SpecError):
         self.offset = offset
 
 
-def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = "") -> TreeList:
+def read_tree_list(
+    path: Path,
+    offset: Sequence[float] = (0.0, 0.0),
+    crs: str = "",
+    planted: Sequence[str] = (),
+) -> TreeList:
     """Read trees to plant; ``offset`` (x, y, ...) is taken from their coordinates, metres of ``crs``.
+
+    planted : names that words and codes of the table may stand for.
 
     Raises
     ------
@@ -77,14 +83,18 @@ def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = 
         said += (f"{path.name}: left out {(~named).sum():,} rows without a species",)
     else:
         named[:] = True
+    kinds = {name: stands_for(name, planted) for name in dict.fromkeys(trees.species.tolist())}
+    taken = (f'"{name}" is planted as {kind}' for name, kind in kinds.items() if name != kind)
     measures = trees.numbers[named, 2:]
     return TreeList(
         position=trees.position[named] - np.array(offset[:2]),
-        species=tuple(trees.species[named].tolist()) if (trees.species != "").any() else None,
+        species=tuple(kinds[name] for name in trees.species[named].tolist())
+        if (trees.species != "").any()
+        else None,
         scale=trees.numbers[named, 0],
         rotation=trees.numbers[named, 1],
         measures=measures if np.isfinite(measures).any() else None,
-        said=said,
+        said=(*said, *(f"{path.name}: {words}" for words in taken)),
     )
 
 
@@ -148,6 +158,7 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
     rasters: dict[str, GeoRaster] = {}
     lists: dict[str, TreeList] = {}
     told = []
+    planted = [*labels(settings.plantings), *(planting.species for planting in settings.plantings)]
     for number, planting in enumerate(settings.plantings):
         for raster in planting.rasters:
             if raster.file not in rasters:
@@ -159,7 +170,7 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
                 )
         if planting.layout == "list" and planting.trees and planting.trees not in lists:
             path = folder / planting.trees
-            listed = _named(read_tree_list(path, settings.offset, settings.crs), path, settings)
+            listed = read_tree_list(path, settings.offset, settings.crs, planted)
             if len(listed):
                 _refuse_treeless(f"plantings[{number}].trees", planting.trees, listed, settings)
             lists[planting.trees] = listed
@@ -172,20 +183,6 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
         told.append(said)
     return Inputs(
         rasters=rasters, lists=lists, terrain=terrain, allometries=allometries, told=tuple(told)
-    )
-
-
-def _named(listed: TreeList, path: Path, scene: spec.Scene) -> TreeList:
-    """A list with the names of what is planted in place of other words and codes for it; says which."""
-    if listed.species is None:
-        return listed
-    planted = [*labels(scene.plantings), *(planting.species for planting in scene.plantings)]
-    kinds = {name: stands_for(name, planted) for name in dict.fromkeys(listed.species)}
-    taken = [f'"{name}" is planted as {kind}' for name, kind in kinds.items() if name != kind]
-    return replace(
-        listed,
-        species=tuple(kinds[name] for name in listed.species),
-        said=(*listed.said, *([f"{path.name}: {', '.join(taken)}"] if taken else [])),
     )
 
 

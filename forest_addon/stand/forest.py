@@ -50,13 +50,15 @@ from .compose import Inputs
 from .intensity.surface import sink
 from .measured import (
     COLUMNS,
+    UNITS,
     MeasuredTrees,
     TargetsMet,
     dbh_at,
     found_in,
     in_band,
-    misses,
+    listed_measures,
     not_met,
+    reached,
     scales_for,
     targets_met,
     with_targets,
@@ -480,15 +482,25 @@ def met_targets(forest: GrownForest) -> list[TargetsMet]:
     )
 
 
-def missed_measures(forest: GrownForest, scene: Scene, inputs: Inputs) -> list[str]:
+def missed_measures(forest: GrownForest, scene: Scene, inputs: Inputs) -> Iterator[str]:
     """Sentences on trees of lists that do not measure what their list gives."""
-    plantings, names = scene.plantings, forest.labels
-    listed = [number for number, one in enumerate(plantings) if one.layout == "list"]
-    if forest.wanted is None or not listed:
-        return []
-    found = found_in(tree_table(forest))
-    said = (misses(number, names, plantings, inputs, forest.stand, found) for number in listed)
-    return [sentence for sentence in said if sentence]
+    stand, names, plantings = forest.stand, forest.labels, scene.plantings
+    for number, planting in enumerate(plantings):
+        listed = listed_measures(number, names, plantings, inputs)
+        if forest.wanted is None or not len(listed):
+            continue
+        rows = np.flatnonzero((stand.species == number) & (stand.number >= 0))
+        told, found = listed[stand.number[rows]], found_in(tree_table(forest))[rows]
+        told = np.where(np.isfinite(forest.wanted[rows]), told, np.nan)
+        off = np.where(reached(told, found), 0.0, np.nan_to_num(np.abs(found / told - 1)))
+        if off.any():
+            worst, column = divmod(int(off.argmax()), len(TARGETS))
+            yield (
+                f"{names[number]}: {off.any(axis=1).sum():,} of the {len(rows):,} trees of its list do not "
+                f"meet their measures, at worst a {TARGETS[column]} of {found[worst, column]:.3g} in place "
+                f"of {told[worst, column]:.3g} {UNITS[TARGETS[column]]}; trees.csv says which (not_met), "
+                "more variants come nearer"
+            )
 
 
 def stacked(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

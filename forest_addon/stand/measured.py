@@ -226,7 +226,7 @@ def _groups(
         kind, own = species[number][1], species[number][0].targets
         targets = planting.targets or own
         if targets is None:
-            listed = _listed(number, names, plantings, inputs)
+            listed = listed_measures(number, names, plantings, inputs)
             told = [
                 name
                 for name, column in zip(TARGETS, listed.T, strict=True)
@@ -262,7 +262,7 @@ def _groups(
         said = told_of(planting, stand.number[hand], "diameter")
         hands = np.where(np.isfinite(said), said, mine)
         dbh = hands if alone else dbh
-        listed = _listed(number, names, plantings, inputs)
+        listed = listed_measures(number, names, plantings, inputs)
         if len(listed) and not alone:
             told = listed[stand.number[rows]]
             gaps = [
@@ -270,11 +270,11 @@ def _groups(
                 for name, many in zip(TARGETS, np.isnan(told[:, :2]).sum(axis=0), strict=False)
                 if 0 < many < len(rows)
             ]
-            if gaps:
-                ignored.append(
-                    f"{names[number]}: of the {len(rows):,} trees of its list, {' and '.join(gaps)}, which "
-                    "is drawn"
-                )
+            told_of_gaps = (
+                f"{names[number]}: of the {len(rows):,} trees of its list, {' and '.join(gaps)}, which is "
+                "drawn"
+            )
+            ignored += [told_of_gaps] if gaps else []
             if law is not None:
                 _refuse_units(planting.trees or names[number], law, told)
             given = np.where(np.isfinite(told[:, 1:]), told[:, 1:], given)
@@ -424,7 +424,7 @@ def dbh_at(skeleton: Skeleton, along: np.ndarray, across: np.ndarray | None = No
     return np.asarray(np.where(height <= z[-1], wide * np.interp(height, z, d), 0.0))
 
 
-def _listed(
+def listed_measures(
     number: int, names: Sequence[str], plantings: Sequence[Planting], inputs: Inputs
 ) -> np.ndarray:
     """(M, 5) the measures of a planting's list, no rows where it has none."""
@@ -432,36 +432,6 @@ def _listed(
     if listed is None or listed.measures is None:
         return np.empty((0, 5))
     return listed.measures[chosen_of(number, names, plantings, listed)]
-
-
-def misses(
-    number: int,
-    names: Sequence[str],
-    plantings: Sequence[Planting],
-    inputs: Inputs,
-    stand: Stand,
-    found: np.ndarray,
-) -> str:
-    """A sentence on trees of a planting's list that do not measure what it gives; "" where all do.
-
-    found : (N, 5) what the trees of the stand measure.
-    """
-    rows = np.flatnonzero((stand.species == number) & (stand.number >= 0))
-    listed = _listed(number, names, plantings, inputs)
-    if not len(listed) or not len(rows):
-        return ""
-    told, found = listed[stand.number[rows]], found[rows]
-    missed = np.isfinite(told) & np.isfinite(found) & ~reached(told, found)
-    if not missed.any():
-        return ""
-    off = np.where(missed, np.abs(found / told - 1), 0.0)
-    worst, column = divmod(int(off.argmax()), len(TARGETS))
-    name = TARGETS[column]
-    return (
-        f"{names[number]}: {missed.any(axis=1).sum():,} of the {len(rows):,} trees of its list do not meet "
-        f"their measures, at worst a {name} of {found[worst, column]:.3g} in place of "
-        f"{told[worst, column]:.3g} {UNITS[name]}; trees.csv says which (not_met), more variants come nearer"
-    )
 
 
 def _list_of(planting: Planting, inputs: Inputs) -> TreeList | None:
