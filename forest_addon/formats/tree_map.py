@@ -441,15 +441,13 @@ def _with_stems(
 def _into_each_other(path: Path, trees: TreeMap) -> list[str]:
     """A sentence on trees that stand nearer to their nearest than the radii of both trunks reach."""
     radius = np.append(trees.numbers[:, NUMBERS.index("dbh")] / 2, np.nan)  # the last of no tree
-    tree = scipy.spatial.cKDTree(trees.position)
-    apart, nearest = (found[:, 1] for found in tree.query(trees.position, k=2))
-    close = np.flatnonzero(apart < radius[:-1] + radius[nearest]).tolist()
-    pairs = sorted({(*sorted((row, int(nearest[row]))), apart[row]) for row in close})
+    apart, nearest = scipy.spatial.cKDTree(trees.position).query(trees.position, k=[2])
+    close = np.flatnonzero(apart[:, 0] < radius[:-1] + radius[nearest[:, 0]]).tolist()
+    pairs = sorted({(*sorted((row, int(nearest[row, 0]))), apart[row, 0]) for row in close})
     rows = [f"{trees.line[a]} and {trees.line[b]} ({gap:.2g} m)" for a, b, gap in pairs[:STEMS]]
-    what = "pair of trees stands" if len(pairs) == 1 else "pairs of trees stand"
     said = (
-        f"{path.name}: {len(pairs):,} {what} nearer than their trunks are thick, rows {', '.join(rows)}; "
-        "did you mean one tree each?"
+        f"{path.name}: trees stand nearer to each other than their trunks are thick, pairs in all "
+        f"{len(pairs):,}: rows {', '.join(rows)}; did you mean one tree each?"
     )
     return [said] if pairs else []
 

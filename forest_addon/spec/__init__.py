@@ -9,6 +9,7 @@ else.
 
 from .base import (
     AUTO,
+    CODES,
     FORMER,
     Discrete,
     Normal,
@@ -88,6 +89,7 @@ from .species import (
 
 __all__ = [
     "AUTO",
+    "CODES",
     "FORMER",
     "HORSESHOE_BAND",
     "MAX_REACH",

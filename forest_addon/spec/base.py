@@ -88,8 +88,8 @@ def nearest(name: str, known: Iterable[str]) -> list[str]:
 
 def stands_for(name: str, known: Sequence[str]) -> str:
     """The known name that a word or a code stands for; itself where it is known, or stands for none."""
-    words = (name, *SAME.get(name.strip().lower().replace(" ", "-"), ()))
-    return next((word for word in words if word in known), name)
+    same = SAME.get(name.strip().lower().replace(" ", "-"), ())
+    return next((word for word in (name, *same) if word in known), name)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -485,14 +485,17 @@ def met_targets(forest: GrownForest) -> list[TargetsMet]:
 def missed_measures(forest: GrownForest, scene: Scene, inputs: Inputs) -> Iterator[str]:
     """Sentences on trees of lists that do not measure what their list gives."""
     stand, names, plantings = forest.stand, forest.labels, scene.plantings
-    for number, planting in enumerate(plantings):
+    for number in range(len(plantings)):
         listed = listed_measures(number, names, plantings, inputs)
         if forest.wanted is None or not len(listed):
             continue
         rows = np.flatnonzero((stand.species == number) & (stand.number >= 0))
         told, found = listed[stand.number[rows]], found_in(tree_table(forest))[rows]
-        told = np.where(np.isfinite(forest.wanted[rows]), told, np.nan)
-        off = np.where(reached(told, found), 0.0, np.nan_to_num(np.abs(found / told - 1)))
+        off = np.where(
+            np.isnan(forest.wanted[rows]) | reached(told, found),  # without targets, or met
+            0.0,
+            np.nan_to_num(np.abs(found / told - 1)),
+        )
         if off.any():
             worst, column = divmod(int(off.argmax()), len(TARGETS))
             yield (

@@ -270,11 +270,8 @@ def _groups(
                 for name, many in zip(TARGETS, np.isnan(told[:, :2]).sum(axis=0), strict=False)
                 if 0 < many < len(rows)
             ]
-            told_of_gaps = (
-                f"{names[number]}: of the {len(rows):,} trees of its list, {' and '.join(gaps)}, which is "
-                "drawn"
-            )
-            ignored += [told_of_gaps] if gaps else []
+            what = f"of the {len(rows):,} trees of its list, {' and '.join(gaps)}, which is drawn"
+            ignored += [f"{names[number]}: {what}"] if gaps else []
             if law is not None:
                 _refuse_units(planting.trees or names[number], law, told)
             given = np.where(np.isfinite(told[:, 1:]), told[:, 1:], given)

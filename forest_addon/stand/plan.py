@@ -35,6 +35,7 @@ from ..base.rng import stream, uniform_at
 from ..base.rows import Drawn, blocks
 from ..growth.measured.allometry import Kind, band
 from ..spec import (
+    CODES,
     Distance,
     Forest,
     Normal,
@@ -45,7 +46,6 @@ from ..spec import (
     Targets,
     quoted_with_hints,
 )
-from ..spec.base import CODES
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.surface import GroundSurface, IntensityError
 from .layouts import (
