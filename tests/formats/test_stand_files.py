@@ -493,8 +493,8 @@ def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):
         ("x,y,dbh_2010,dbh_2020\n1,1,.2,.3\n", "column dbh_2010 is not used; did you mean dbh?"),
         (
             "x,y,dbh\n1,1,.37\n9,9,.2\n1.02,1,.37\n5,5,.3\n5.3,5,.32\n1.9,1,.3\n",
-            "nearer to each other than their trunks are thick, pairs in all 2: rows 2 and 4 (0.02 m), 5 and 6 "
-            "(0.3 m); did you mean",
+            "nearer to each other than their trunks are thick, pairs in all 2: rows 2 and 4 (0.02 m), "
+            "5 and 6 (0.3 m); did you mean",
         ),
         (
             "distance,azimuth\n1,90\n",
