@@ -57,7 +57,10 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
         for k in shown
     ]
     each = [f"{d:,.0f}" if d >= 10 else f"{d:.2g}" for d in density]
-    names = [f"{labels[k]}\n{counts[k]:,} trees, {each[k]}/ha" for k in shown]
+    names = [
+        f"{labels[k]}\n{counts[k]:,} {'tree' if counts[k] == 1 else 'trees'}, {each[k]}/ha"
+        for k in shown
+    ]
     if len(labels) > len(shown):
         handles.append(Line2D([], [], linestyle="none"))
         names.append(f"and {len(labels) - len(shown)} more")
@@ -123,7 +126,9 @@ def draw_site(
     axes = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(1.15, 1))
     for (place, curve), (name, points, intensity, goodness) in zip(axes, shown, strict=True):
         show_intensity(place, points, intensity, window)
-        place.set_title(f"{name}: {len(points):,} trees, estimated intensity")
+        place.set_title(
+            f"{name}: {len(points):,} {'tree' if len(points) == 1 else 'trees'}, estimated intensity"
+        )
         if goodness is not None:
             show_goodness(curve, goodness)
         else:

@@ -139,7 +139,10 @@ def stand_map(stand: Stand, settings: Scene, inputs: Inputs) -> Plot:
     intensity = _intensity(settings, inputs, (rows, columns))
     pixels = CLEARING + (intensity / (intensity.max() or 1.0))[..., None] * (MEADOW - CLEARING)
     _set_trees(pixels, stand, settings, low, scale)
-    title = f"{settings.name}: {len(stand):,} trees on {stand.area / 1e4:,.3g} ha"
+    title = (
+        f"{settings.name}: {len(stand):,} {'tree' if len(stand) == 1 else 'trees'} "
+        f"on {stand.area / 1e4:,.3g} ha"
+    )
     most = float(intensity.max())
     strip = Strip(
         title,

@@ -265,7 +265,7 @@ def _grown(
         except ValueError as problem:
             raise SpecError("--law", f"{mapped.name}: {problem}") from None
         estimate, planting, fitness = taken.estimate, taken.planting, taken.goodness
-    what = f"{mapped.name} as {planting.species}: {len(points):,} tree{'s' * (len(points) != 1)}"
+    what = f"{mapped.name} as {planting.species}: {len(points):,} {'tree' if len(points) == 1 else 'trees'}"
     say(f"  {what}, {_summary(estimate, planting, fitness)}")
     if others:
         say(f"    tried too: {', '.join(_words(one) for one in others)}")

@@ -29,10 +29,12 @@ from forest_addon.api.results import Response
 from forest_addon.blender import packages
 from forest_addon.blender.show.wind import knots_of
 from forest_addon.drawing.palette import SPECIES, rgb
-from forest_addon.drawing.strips import WIDE
+from forest_addon.drawing.stands import draw_stand
+from forest_addon.drawing.strips import WIDE, stand_map
 from forest_addon.formats.raster_file import read_png
 from forest_addon.spec import Forest, Planting, Reverb, Scene, SpecError
 from forest_addon.stand.compose import Inputs
+from forest_addon.stand.plan import plan_stand
 from forest_addon.ui.results.images import ABOVE, BELOW, LEFT
 from headless import progress, report
 from headless.command import read_scene, scene_file
@@ -627,3 +629,14 @@ def test_trees_stand_in_the_plain_map_where_they_stand(tmp_path, no_matplotlib):
         if name == "green":  # as wide as its crown
             assert np.ptp(columns) / WIDE * 100 == pytest.approx(6.0, abs=0.3)
     assert page.colours_in_words(("a", "b")) == "In the map: a green, b orange."
+
+
+def test_a_single_tree_is_no_trees():
+    settings = Scene(
+        forest=Forest(size=(20, 20)), plantings=(Planting(species="a", expected=9, exact=True),)
+    )
+    stand = plan_stand(1, settings.forest, settings.plantings)
+    one = stand.select(np.zeros(1, dtype=int))
+    assert ": 1 tree on " in stand_map(one, settings, Inputs()).strips[0].title
+    (key,) = draw_stand(one, ("a",), settings, Inputs()).axes[0].get_legend().get_texts()
+    assert "\n1 tree, " in key.get_text()
