@@ -490,6 +490,7 @@ def toml(value):
 @pytest.mark.slow
 def test_everything_that_a_dataset_keeps_is_a_file_or_is_said_to_be_idle(tmp_path):
     pytest.importorskip("bpy")
+    from headless.dataset import disk
     from headless.dataset.scene import Session, make
 
     written = (
@@ -504,8 +505,8 @@ def test_everything_that_a_dataset_keeps_is_a_file_or_is_said_to_be_idle(tmp_pat
 
     def made(keep):
         out = tmp_path / str(next(runs))
-        out.mkdir()
-        make(dataclasses.replace(recipe, keep=dataclasses.asdict(keep)), out, session)
+        folder = disk.begin(out, recipe.number)
+        make(dataclasses.replace(recipe, keep=keep), folder, out, session, 1)
         files = sorted(out.rglob("*.npz"))
         names = [path.name.encode() for path in sorted(out.rglob("*"))]
         return [*names, *(path.read_bytes() for path in files)]
