@@ -43,12 +43,17 @@ class LastAsked(Generic[K, V]):
 
 
 def digest(parts: Iterable[Any]) -> str:
-    """Hexadecimal BLAKE2b of parts, one after the other: bytes and arrays as they are, all else as JSON."""
+    """Hexadecimal BLAKE2b of parts, one after the other: bytes and arrays as they are, all else as JSON, with
+    arrays whole and what JSON has no word for as text."""
     total = blake2b(digest_size=16)
     for part in parts:
         if isinstance(part, np.ndarray):
             part = np.ascontiguousarray(part)
         elif not isinstance(part, bytes):
-            part = json.dumps(part, sort_keys=True, default=str).encode()
+            part = json.dumps(
+                part,
+                sort_keys=True,
+                default=lambda value: value.tolist() if hasattr(value, "tolist") else str(value),
+            ).encode()
         total.update(part)
     return total.hexdigest()

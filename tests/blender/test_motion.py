@@ -116,7 +116,7 @@ def test_a_plate_that_nears_is_met_where_it_is(scene, engine, subrays):
 
 
 def on_a_hub(plate):
-    """What hangs on a parent goes along; Euler keys turn evenly about Z."""
+    """Children go along with their parent; Euler keys turn evenly about Z."""
     bpy.ops.object.empty_add(location=(FAR, 0, 0))
     plate.parent, plate.location = bpy.context.object, (0, 0, 0)
     keyed(plate.parent, "rotation_euler", [(0, 0, 0), (0, 0, RATE * SECONDS)], (1, LAST))

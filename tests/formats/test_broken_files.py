@@ -523,7 +523,7 @@ def test_a_head_that_counts_more_than_the_file_holds_is_refused_at_once(tmp_path
 
 
 def test_a_sound_of_a_stream_is_read_to_its_end(tmp_path):
-    """Who writes into a pipe cannot say how long it will be."""
+    """A program that writes into a pipe cannot say how long it will be."""
     write_wav(tmp_path / "a.wav", np.linspace(-1, 1, 50), 8000.0)
     raw = (tmp_path / "a.wav").read_bytes()
     at = raw.index(b"data") + 4
