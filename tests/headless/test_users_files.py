@@ -281,37 +281,6 @@ def test_another_scenes_results_go_and_changed_ones_stay(headless, tmp_path):
     assert (tmp_path / "o" / "trees.csv").read_text() == "mine\n"
 
 
-@pytest.mark.parametrize(
-    ("kinds", "said"),
-    [
-        ({"leaves": "sonar"}, "leaves.npz, as the scene does"),
-        ({"preview": "terrestrial"}, "preview.png, as the scene does"),
-        ({"tls": "terrestrial", "TLS": "sonar"}, 'as sensor "tls" does'),
-        ({"a": "reverb", "a-dry": "reverb"}, 'a-dry.wav, as sensor "a" does'),
-        ({"a": "sonar", "a-heard": "sonar"}, 'a-heard.npz, as sensor "a" does'),
-    ],
-)
-def test_names_that_collide_are_refused_at_once(headless, inputs, tmp_path, kinds, said):
-    sensors = [f'[[sensors]]\nkind = "{kind}"\nname = "{name}"\n' for name, kind in kinds.items()]
-    scene = tmp_path / "s.toml"
-    scene.write_text("\n".join([SMALL.partition("[[sensors]]")[0], *sensors]))
-    done = headless("run", scene, "--out", tmp_path / "o", "--convolve", inputs / "dry.wav", ends=2)
-    assert said in done.stderr
-    assert not (tmp_path / "o").exists()
-
-
-def test_an_empty_out_is_refused(headless, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert "is empty; name a file or folder" in headless("run", "demo", "--out", "", ends=2).stderr
-    assert not list(tmp_path.iterdir())
-
-
-def test_names_do_not_command_the_terminal(headless, tmp_path):
-    done = headless("stand", tmp_path / "a\x1b[2Jb.toml", ends=2)
-    assert "a\\x1b[2Jb.toml" in done.stderr
-    assert "\x1b" not in done.stderr
-
-
 def test_a_record_that_is_none_of_ours_is_left(tmp_path):
     (tmp_path / RECORD).write_text("mine")
     with keeping(Keeper(tmp_path, "run")), pytest.raises(ValueError, match="is no record"):
@@ -372,43 +341,10 @@ def one_sentence(code, said, expected=2):
     return lines[0]
 
 
-@pytest.fixture
-def refused(headless):
-    """The one sentence with which a command ends that cannot be done."""
-
-    def run(*words):
-        return one_sentence(2, headless(*words, ends=2).stderr)
-
-    return run
-
-
 def scene_with(tmp_path, text):
     path = tmp_path / "scene.toml"
     path.write_text(text)
     return path
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("[forest]\nsize = [-3, 4]", "forest.size[0]: -3 m is out of range; use larger than 0"),
-        ("[forest]\nsise = [3, 4]", 'forest.sise: is not known; did you mean "size"?'),
-        ("this is not toml", "is not TOML"),
-        ('[[plantings]]\nspecies = "oak"\nexpected = 2', "use one of abop-monopodial-a"),
-        ('[[plantings]]\nspecies = "oak.toml"\nexpected = 2', "there is no such file"),
-        (
-            '[[plantings]]\nspecies = "maple"\nexpected = 3\n'
-            "gaussians = [{ centre = [9e6, 0], width = [1, 1] }]",
-            "put nothing on the field",
-        ),
-        ('[[plantings]]\nspecies = "maple"\nexpected = 1e9', "plantings[0].expected"),
-    ],
-)
-def test_scenes_that_cannot_be_used(refused, tmp_path, text, words):
-    scene = scene_with(tmp_path, text)
-    said = refused("run", scene, "--out", tmp_path / "o")
-    assert words in said
-    assert not (tmp_path / "o" / "run.json").exists()
 
 
 @pytest.mark.medium
@@ -416,36 +352,6 @@ def test_a_missing_scene_file(tmp_path):
     """In a process of its own: its exit code and its words are what a shell gets."""
     said = one_sentence(*ended(start("run", tmp_path / "none.toml", "--out", tmp_path / "o")))
     assert "none.toml: there is no such file" in said
-
-
-@pytest.mark.parametrize("trouble", ["missing", "not an STL", "cut off"])
-def test_template_files_that_cannot_be_used(refused, tmp_path, trouble):
-    wood = tmp_path / "wood.stl"
-    whole = (ROOT / "assets" / "templates" / "maple" / "wood.stl").read_bytes()
-    if trouble == "not an STL":
-        wood.write_text("<html>not found</html>")
-    elif trouble == "cut off":
-        wood.write_bytes(whole[: len(whole) // 2])
-    (tmp_path / "mine.toml").write_text('name = "mine"\n[template]\nwood = "wood.stl"\n')
-    scene = scene_with(tmp_path, '[[plantings]]\nspecies = "mine.toml"\nexpected = 2')
-    said = refused("run", scene, "--out", tmp_path / "o")
-    assert "mine.toml" in said
-    assert "wood.stl" in said
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("run scene.toml --seed -1", "--seed: -1 is out of range"),
-        ("run scene.toml --out file/o", "cannot be written to"),
-    ],
-)
-def test_words_that_cannot_be_used(refused, tmp_path, monkeypatch, words, said):
-    monkeypatch.chdir(tmp_path)
-    for name in ("scene.toml", "file"):
-        shutil.copy(SMALL_FILE, name)
-    assert said in refused(*words.split())
-    assert {path.name for path in tmp_path.rglob("*")} == {"file", "scene.toml"}
 
 
 def no_half_written_files(out):

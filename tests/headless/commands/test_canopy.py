@@ -18,7 +18,6 @@ pytest.importorskip("bpy")
 
 from forest_addon import api
 from forest_addon.sensing.canopy import OUTSIDE, SKY
-from forest_addon.spec import SpecError
 from headless.commands.canopy import look_up_in
 
 SCENE = """
@@ -63,21 +62,6 @@ def test_effective_and_true_index_and_pictures(scene, tmp_path):
     assert imread(tmp_path / "out/hemispheres.png").std() > 0.05
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ({"at": ["1;2"]}, "is not 2 or 3 numbers"),
-        ({"at": ["1,2,3,4"]}, "is not 2 or 3 numbers"),
-        ({"at": ["nan,2"]}, "is not 2 or 3 numbers"),
-        ({"grid": 0}, "out of range"),
-    ],
-)
-def test_what_cannot_be_is_said_before_anything_grows(scene, tmp_path, words, said):
-    with pytest.raises(SpecError, match=said):
-        look_up_in(scene, tmp_path / "out", **words)
-    assert not Path(tmp_path / "out").exists()
-
-
 # ------------------------------------------------------------------------------------------ convolve
 # The commands that let one hear a forest, and the findings of the paper's figures.
 
@@ -94,33 +78,6 @@ def test_convolve_from_the_command_line(headless, tmp_path):
     assert (rate, wet.dtype) == (48_000, np.float32)
     np.testing.assert_allclose(wet[1:, 0], 0.5 * dry / 32768, atol=1e-7)
     np.testing.assert_allclose(wet[:-1, 1], dry / 32768, atol=1e-7)
-    headless("convolve", tmp_path / "none.wav", CLAP, ends=2)
-
-
-@pytest.mark.parametrize(
-    ("name", "said"), [("wet.mp3", "must end in .wav"), ("dry.wav", "is read by")]
-)
-def test_no_file_of_another_kind_and_none_that_is_read_is_written(tmp_path, capsys, name, said):
-    dry = tmp_path / "dry.wav"
-    dry.write_bytes(b"a recording")
-    out = ("--out", str(tmp_path / name))
-    assert main(["convolve", str(tmp_path / "ir.wav"), str(dry), *out]) == 2
-    assert said in capsys.readouterr().err
-    assert dry.read_bytes() == b"a recording"
-    assert [path.name for path in tmp_path.iterdir()] == ["dry.wav"]
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [("ir.wav", "its head is broken"), (".", "is a folder; name a WAV file in it")],
-)
-def test_what_is_no_impulse_response_is_said_in_our_words(
-    tmp_path, capsys, monkeypatch, name, said
-):
-    monkeypatch.chdir(tmp_path)
-    Path("ir.wav").write_bytes(b"RIFF\0\0\0\0WAVE")
-    assert main(["convolve", name, str(CLAP)]) == 2
-    assert said in capsys.readouterr().err
 
 
 def test_levels_above_full_scale_stay_unless_normalised(tmp_path):
@@ -202,31 +159,8 @@ def test_counts(capsys):
     assert len(lines) == 2
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["apple", "--generations", "40"], "symbols, more than 50,000,000"),
-        (["apple", "--generations", "-1"], "--generations: -1 is out of range"),
-        (["apple", "--seed", "-1"], "--seed: -1 is out of range"),
-        (["honda-birch"], "not by an L-system"),
-        (["aple"], '"aple" is not known'),
-    ],
-)
-def test_refusals(capsys, arguments, words):
-    assert main(["derive", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert words in captured.err
-    assert captured.out == ""
-
-
 # ------------------------------------------------------------------------------------------- species
 # The table and the contact sheet of species.
-
-
-@pytest.mark.parametrize("words", [["hazelnut", "--pixels", "5"], ["plum-pudding"]])
-def test_what_is_no_size_or_no_species_is_refused(capsys, words):
-    assert main(["species", *words]) == 2
-    assert words[-2 if len(words) > 1 else 0] in capsys.readouterr().err
 
 
 @pytest.mark.slow

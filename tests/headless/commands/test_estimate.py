@@ -108,54 +108,6 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
     assert len(stand) < 20
 
 
-@pytest.mark.parametrize(
-    ("text", "words", "said"),
-    [
-        *(
-            ("x,y\n1,2\n", ("maple", *window), said)
-            for window, said in (
-                (("0", "0", "10"), "give X0 Y0 X1 Y1"),
-                (("0", "0", "0", "9"), "give X0 Y0 X1 Y1"),
-                (("0", "a", "1", "9"), "could not convert"),
-                (("none.csv",), "there is no such file"),
-            )
-        ),
-        ("", (), "is empty; it needs a header"),
-        ("x,y\n", (), "has no trees below its header"),
-        ("a,b\n1,2\n", (), "has no column x, only a, b; call one of them x, another y"),
-        ("x,y\n1,2\n3,zwei\n", (), 'row 3: y is "zwei", not a finite number'),
-        ("x,y\n3,nan\n", (), "has no trees below its header"),
-        ("x,y,bhd\n1,2,31.5\n3,4,28\n", ("maple",), "say the unit in the header, as dbh_cm"),
-        ("x,y\n1\n", (), "row 2 has 1 values, its header 2"),
-        ("x,y\n1,2\n", (), "some trees have no species; say what grows there"),
-        ("x,y,species\n1,2,pine\n", (), '"pine" is no preset; say what grows in its place'),
-        (
-            "x,y,SPCD\n1,2,318\n3,4,202\n5,6,318\n",
-            (),
-            '"202", "318" are no presets; say what grows in their place, as '
-            "--species 202=douglas-fir --species 318=PRESET. Presets: ",
-        ),
-        (
-            "x;y;Baumart\n1;2;Fi\n3;4;Bu\n5;6;Picea abies\n",
-            (),
-            "as --species Bu=european-beech --species Fi=norway-spruce "
-            "--species 'Picea abies=norway-spruce'. ",
-        ),
-        ("x,y,taxonID\n1,2,ACSA3\n", ("ACSA3=acer",), "as --species ACSA3="),
-        ("x,y,species\n1,2,pine\n", ("oak=maple",), 'no tree of the map is "oak"; it has "pine"'),
-        ("x,y,species\n1,2,pine\n", ("pine=oak.toml",), "there is no file oak.toml"),
-    ],
-)
-def test_bad_maps_and_windows_are_told(tmp_path, text, words, said):
-    """A species, and what comes after it is the window."""
-    (tmp_path / "t.csv").write_text(text)
-    out = tmp_path / "o" / "s.toml"
-    with pytest.raises(SpecError) as problem:
-        estimate_site(tmp_path / "t.csv", out, window=words[1:], species=words[:1])
-    assert said in str(problem.value)
-    assert not (tmp_path / "o").exists()
-
-
 @pytest.mark.slow
 def test_measures_of_the_map_are_those_of_the_scene(tmp_path):
     """Of 80 spruces whose heights are 0.8 times those of their kind."""
@@ -205,14 +157,3 @@ def test_the_command(headless, tmp_path):
     words += ["--species", "pine=spruce"]
     ended = headless(*words)
     assert "Next: python -m headless run" in ended.stdout
-    words[-1] = "pine=elm"
-    ended = headless(*words, ends=2)
-    assert ended.stderr.startswith('error: --species: "elm" is no preset')
-
-
-def test_a_map_is_not_overwritten_by_its_scene(tmp_path, capsys):
-    trees = tmp_path / "trees.csv"
-    trees.write_text("x,y\n1,2\n")
-    assert main(["estimate", str(trees), "--out", str(trees)]) == 2
-    assert "must end in .toml" in capsys.readouterr().err
-    assert trees.read_text() == "x,y\n1,2\n"

@@ -179,41 +179,6 @@ def test_the_list_of_scanners(lidar):
     assert {line.split()[0] for line in ended.stdout.splitlines()[1:]} == shipped
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ((), "needs a .blend file"),
-        (("PARK",), "--scanner: is missing"),
-        (("PARK", "--scanner", "rigel"), "use one of dji-zenmuse-l2, faro-focus-s350"),
-        (("PARK", "--scanner", "riegl-vz-400i"), "--at: is missing"),
-        (("PARK", "--scanner", "riegl-vz-400i", "--at", "1,2"), "is not 3 numbers with commas"),
-        (("PARK", "--scanner", "riegl-vz-400i", "--along", "Way"), "is no mobile scanner"),
-        (("PARK", *SCAN, "--set", "angel_step_deg=1"), 'did you mean "angle_step_deg"'),
-        (("PARK", *SCAN, "--set", "max_range=-3"), "max_range: -3 m is out of range"),
-        (("PARK", *SCAN, "--set", "nonsense"), "is not KEY=VALUE"),
-        (("PARK", *SCAN, "--seed", "-1"), "--seed: -1 is out of range"),
-        (("PARK", *SCAN, "--chunk", "0"), "--chunk: 0 is out of range"),
-        (("PARK", *SCAN, "--out", "x.txt"), "must end in one of .laz"),
-        (("none.blend", *SCAN), "there is no such file"),
-        (("pyproject.toml", *SCAN), "must end in one of .blend, .glb"),
-        (
-            ("PARK", "--scanner", "riegl-vux-1uav", "--along", "Road"),
-            "curves and empties here: Drone",
-        ),
-    ],
-)
-def test_what_cannot_be_used_is_one_sentence(park, tmp_path, capfd, arguments, said):
-    arguments = [park if word == "PARK" else word for word in arguments]
-    if "--out" not in arguments and arguments:
-        arguments += ["--out", tmp_path / "o.laz"]
-    assert main(["lidar", *map(str, arguments)]) == 2
-    told = capfd.readouterr().err
-    lines = [line for line in told.splitlines() if line.startswith("error: ")]
-    assert len(lines) == 1
-    assert said in lines[0]
-    assert "Traceback" not in told
-
-
 @pytest.mark.slow
 def test_scanners_of_a_scene_file(tmp_path):
     """Every platform, from presets, through a whole run with pictures and report."""
@@ -246,11 +211,3 @@ def test_a_lost_material_file_of_an_obj_is_said(lidar, tmp_path):
     wall.write_text("mtllib gone.mtl\nv 5 -1 -1\nv 5 1 -1\nv 5 1 3\nv 5 -1 3\nf 1 2 3 4\n")
     ended = lidar(wall, *SCAN, "--azimuth", "-45,45", "--out", tmp_path / "scan.laz")
     assert "Warning: wall.obj: its material file gone.mtl is not there" in ended.stderr
-
-
-def test_an_empty_scene(lidar, tmp_path):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    path = tmp_path / "empty.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    ended = lidar(path, *SCAN, "--out", tmp_path / "o.laz", ends=2)
-    assert "has nothing to scan" in ended.stderr

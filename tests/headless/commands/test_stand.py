@@ -93,22 +93,6 @@ def test_a_stand_says_what_has_no_effect_and_that_no_tree_stands(tmp_path, capsy
         assert f"Warning: {words}" in said
 
 
-@pytest.mark.medium
-@pytest.mark.parametrize(
-    ("spoil", "said"),
-    [
-        (("density.npy", "gone.npy"), "gone.npy: there is no such file"),
-        (("[20, 20], [10, 20]", "[10, 20], [20, 20]"), "cross or touch"),
-        (("expected = 200", "expected = 5e7"), "50,000,000 trees, more than 20,000,000"),
-    ],
-)
-def test_what_cannot_be_sampled_is_said_in_one_sentence(scene, tmp_path, capsys, spoil, said):
-    scene.write_text(SCENE.replace(*spoil))
-    assert main(["stand", str(scene), "--out", str(tmp_path / "p.csv")]) == 2
-    assert said in capsys.readouterr().err
-    assert not (tmp_path / "p.csv").exists()
-
-
 @pytest.mark.slow
 def test_many_trees_are_drawn_as_pixels(tmp_path):
     scene = tmp_path / "many.toml"
@@ -153,33 +137,6 @@ def test_unsquared_formulas_of_the_papers_became_squared_ones():
         settings = read_settings(SCENES / f"{name}.toml", Scene)
         found = [w**2 for p in settings.plantings for g in p.gaussians for w in g.width]
         assert found == pytest.approx(widths, rel=1e-8)
-
-
-@pytest.mark.parametrize("name", ["points.xls", "points.png", "points"])
-def test_an_ending_that_holds_no_table_is_refused(tmp_path, capsys, name):
-    assert main(["stand", "demo", "--out", str(tmp_path / name)]) == 2
-    assert "must end in .csv or .geojson" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
-def test_species_that_are_not_there_are_all_named_at_once(tmp_path, capsys):
-    plants = "".join(
-        f'[[plantings]]\nspecies = "{name}"\nexpected = 1\n'
-        for name in ("spuce", "apple", "hazlenut")
-    )
-    (tmp_path / "scene.toml").write_text(plants)
-    assert main(["stand", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "o.csv")]) == 2
-    said = capsys.readouterr().err
-    assert '"spuce" (did you mean "spruce"?)' in said
-    assert '"hazlenut" (did you mean "hazelnut"?)' in said
-    assert "plantings[0].species, plantings[2].species" in said
-    assert not (tmp_path / "o.csv").exists()
-
-
-def test_a_species_file_that_is_not_there_is_refused(tmp_path, capsys):
-    (tmp_path / "scene.toml").write_text('[[plantings]]\nspecies = "my.toml"\nexpected = 1\n')
-    assert main(["stand", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "o.csv")]) == 2
-    assert "my.toml: there is no such file" in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------------------------- estimate terrain
