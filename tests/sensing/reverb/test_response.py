@@ -1,10 +1,12 @@
 """The forest's impulse response against scalar loops, and its hard cases (PHYSICS 5.8)."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from references.echoes import scene_of
 from references.rays import BruteCaster, scene_with
 from references.reverb import reverb_spectrum_direct
 from scipy import special
@@ -13,6 +15,7 @@ from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.ground import spherical_reflection, surface_impedance
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.channels import ImpulseResponse
@@ -275,57 +278,63 @@ def test_what_a_soft_ground_sends_after_a_short_record_is_not_heard_at_its_begin
 # Trunks from cut meshes, against analytic cylinders, cones and leaning stems.
 
 
-def tube(
+def pole(
     start: tuple[float, float, float],
     end: tuple[float, float, float],
     radius: tuple[float, float],
     sides: int = 24,
     part: int = WOOD,
 ) -> TriMesh:
-    """An open n-gon tube whose rings have the perimeter of the circle, as ``growth/mesh/meshing`` makes."""
-    foot, top = np.asarray(start, float), np.asarray(end, float)
-    axis = (top - foot) / np.linalg.norm(top - foot)
-    across = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
-    across /= np.linalg.norm(across)
-    turn = 2 * np.pi * np.arange(sides) / sides
-    ring = np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * np.cross(axis, across)
-    ring *= math.pi / (sides * math.sin(math.pi / sides))
-    vertices = np.concatenate([foot + radius[0] * ring, top + radius[1] * ring])
-    i, j = np.arange(sides), (np.arange(sides) + 1) % sides
-    triangles = np.concatenate(
-        [np.stack([i, j, j + sides], 1), np.stack([i, j + sides, i + sides], 1)]
-    )
-    return TriMesh.of_part(vertices, triangles, part)
+    """A tube open at both ends whose rings have the perimeter of the circle."""
+    vertices, triangles = tube(np.array([start, end], float), np.array(radius), sides)
+    return TriMesh.of_part(vertices, triangles[: 2 * sides], part)
 
 
-def scene_of(*meshes: TriMesh, transform: np.ndarray | None = None) -> SceneGeometry:
-    count = len(meshes)
-    moved = np.tile(np.eye(3, 4), (count, 1, 1)) if transform is None else transform
-    return SceneGeometry(
-        meshes=tuple(meshes),
-        transform=moved,
-        mesh_index=np.arange(count),
-        object_name=tuple("tree" for _ in meshes),
-        tree=np.arange(count) + 7,
-        species=np.zeros(count, np.int64),
-    )
-
-
-def turn_about_x(angle: float) -> np.ndarray:
+def leaning(angle: float) -> np.ndarray:
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
 
 
-@pytest.mark.parametrize("sides", [3, 8, 24])
-def test_upright_cylinder(sides: int) -> None:
-    trunks = trunks_at_height(scene_of(tube((2, 3, 0), (2, 3, 5), (0.2, 0.2), sides)), 1.5, 0.01)
-    np.testing.assert_allclose(trunks.position, [[2, 3]], atol=1e-14)
-    np.testing.assert_allclose(trunks.radius, [0.2], rtol=1e-14)
-    assert (trunks.tree.tolist(), trunks.thin, trunks.inside) == ([7], 0, 0)
+THIN = pole((0, 0, -9), (0, 0, 9), (0.15, 0.15), 48)
+POST = pole((0, 0, 0), (0, 0, 2), (0.2, 0.2), 180)
+SOUP = TriMesh.of_part(
+    POST.vertices[POST.triangles].reshape(-1, 3), np.arange(1080).reshape(-1, 3), WOOD
+)
+BROKEN = replace(POST, vertices=np.where(np.arange(362)[:, None] == 5, np.nan, POST.vertices))
+SIDE = np.arange(360) // 2
+MIDDLE = -4 * 0.2 / (3 * math.pi)  # of half a disc's area
+STEMS = {
+    "of 3 sides": (pole((2, 3, 0), (2, 3, 5), (0.2, 0.2), 3), np.eye(3), (2, 3), 0.2, 1e-13),
+    "of 8 sides": (pole((2, 3, 0), (2, 3, 5), (0.2, 0.2), 8), np.eye(3), (2, 3), 0.2, 1e-13),
+    **{
+        f"that leans {angle}": (THIN, leaning(angle), (0, -1.5 * math.tan(angle)), 0.15, 1e-12)
+        for angle in (0.1, 0.5, 1.0)
+    },
+    "elliptic": (  # has its mean width
+        POST, np.diag([2.0, 1.0, 1.0]), (0, 0), 0.4 * special.ellipe(0.75) * 2 / math.pi, 1e-4,
+    ),
+    "not welded": (SOUP, np.eye(3), (0, 0), 0.2, 1e-13),
+    "with a slit": (POST.select(SIDE != 10), np.eye(3), (0, 0), 0.2, 1e-3),
+    "with half its wall": (  # the hull closes what is left
+        POST.select(SIDE < 90), np.eye(3), (MIDDLE, 0), 0.2 * (0.5 + 1 / math.pi), 1e-3,
+    ),
+    "with a broken corner": (BROKEN, np.eye(3), (0, 0), 0.2, 1e-3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("mesh", "linear", "place", "radius", "off"), STEMS.values(), ids=STEMS)
+def test_a_stem_is_where_and_as_thick_as_it_is_cut(
+    mesh: TriMesh, linear: np.ndarray, place: tuple[float, float], radius: float, off: float
+) -> None:
+    scene = replace(scene_with(mesh), transform=np.column_stack([linear, np.zeros(3)])[None])
+    trunks = trunks_at_height(scene, 1.5, 0.01)
+    np.testing.assert_allclose(trunks.radius, [radius], rtol=off)
+    np.testing.assert_allclose(trunks.position, [place], atol=off)
+    assert (trunks.thin, trunks.inside) == (0, 0)
 
 
 def test_cone_under_instance_transforms() -> None:
-    cone = tube((0.1, -0.2, 0), (0.1, -0.2, 4), (0.4, 0.0), 64)
+    cone = pole((0.1, -0.2, 0), (0.1, -0.2, 4), (0.4, 0.0), 64)
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     transform = np.zeros((3, 3, 4))
     transform[0, :, :3], transform[0, :, 3] = 2.0 * turn, (5, 6, -1)
@@ -344,32 +353,10 @@ def test_cone_under_instance_transforms() -> None:
     np.testing.assert_allclose(trunks.radius, [2 * 0.4 * 0.75, 0.4 * 0.5], rtol=1e-8)
 
 
-@pytest.mark.parametrize("lean_deg", [5.0, 30.0, 60.0])
-def test_leaning_cylinder_keeps_its_radius(lean_deg: float) -> None:
-    transform = np.zeros((1, 3, 4))
-    transform[0, :, :3] = turn_about_x(math.radians(lean_deg))
-    transform[0, :, 3] = 1.0, 2.0, 0.0
-    scene = scene_of(tube((0, 0, -9), (0, 0, 9), (0.15, 0.15), 48), transform=transform)
-    trunks = trunks_at_height(scene, 1.5)
-    np.testing.assert_allclose(trunks.radius, [0.15], rtol=1e-12)
-    reach = -1.5 * math.tan(math.radians(lean_deg))
-    np.testing.assert_allclose(trunks.position, [[1.0, 2.0 + reach]], atol=1e-12)
-
-
-def test_elliptic_trunk_has_its_mean_width() -> None:
-    transform = np.zeros((1, 3, 4))
-    transform[0, :, :3] = np.diag([2.0, 1.0, 1.0])
-    scene = scene_of(tube((0, 0, 0), (0, 0, 4), (0.1, 0.1), 512), transform=transform)
-    perimeter = 4 * 0.2 * special.ellipe(1 - 0.5**2)
-    np.testing.assert_allclose(
-        trunks_at_height(scene, 2.0).radius, [perimeter / (2 * np.pi)], rtol=1e-4
-    )
-
-
 def test_plane_through_vertices() -> None:
     """A ring of vertices exactly in the plane neither splits nor loses a stem, nor doubles it."""
-    scene = scene_of(
-        join([tube((0, 0, 0), (0, 0, 2), (0.2, 0.2)), tube((0, 0, 2), (0, 0, 3), (0.2, 0.2))])
+    scene = scene_with(
+        join([pole((0, 0, 0), (0, 0, 2), (0.2, 0.2)), pole((0, 0, 2), (0, 0, 3), (0.2, 0.2))])
     )
     np.testing.assert_allclose(trunks_at_height(scene, 2.0).radius, [0.2], rtol=1e-14)
     np.testing.assert_allclose(trunks_at_height(scene, 3.0).radius, [0.2], rtol=1e-14)  # its top
@@ -380,61 +367,32 @@ def test_plane_through_vertices() -> None:
 
 def test_one_vertex_in_the_plane() -> None:
     """A leaning tube whose ring touches the plane in single vertices stays one contour."""
-    mesh = tube((0, 0, 0), (0.3, 0, 4), (0.2, 0.15), 16)
-    inner = tube((0, 0, 0), (0.3, 0, 4), (0.2, 0.15), 16).vertices[20, 2]
-    assert len(trunks_at_height(scene_of(mesh), float(inner))) == 1
-
-
-def test_unwelded_triangles_are_one_contour() -> None:
-    mesh = tube((0, 0, 0), (0, 0, 2), (0.2, 0.2))
-    soup = TriMesh.of_part(
-        mesh.vertices[mesh.triangles].reshape(-1, 3),
-        np.arange(mesh.triangles.size).reshape(-1, 3),
-        WOOD,
-    )
-    np.testing.assert_allclose(trunks_at_height(scene_of(soup), 1.0).radius, [0.2], rtol=1e-14)
-
-
-def test_open_mesh() -> None:
-    """A tube with a slit, and one with half its wall: the hull closes what is left."""
-    mesh = tube((0, 0, 0), (0, 0, 2), (0.2, 0.2), 180)
-    keep = np.ones(len(mesh.triangles), bool)
-    keep[[10, 190]] = False
-    np.testing.assert_allclose(
-        trunks_at_height(scene_of(mesh.select(keep)), 1.0).radius, [0.2], rtol=1e-3
-    )
-    keep = np.tile(np.arange(180) < 90, 2)
-    half = trunks_at_height(scene_of(mesh.select(keep)), 1.0)
-    np.testing.assert_allclose(half.radius, [0.2 * (math.pi + 2) / (2 * math.pi)], rtol=1e-3)
+    mesh = pole((0, 0, 0), (0.3, 0, 4), (0.2, 0.15), 16)
+    inner = mesh.vertices[20, 2]
+    assert len(trunks_at_height(scene_with(mesh), float(inner))) == 1
 
 
 def test_thin_and_inner_stems_are_counted() -> None:
     mesh = join(
         [
-            tube((0, 0, 0), (0, 0, 4), (0.2, 0.2)),
-            tube((0, 0, 0.5), (0.3, 0, 4), (0.05, 0.05)),  # a branch that is still in its trunk
-            tube((1, 0, 0), (1, 0, 4), (0.02, 0.02)),
-            tube((2, 0, 0), (2, 0, 4), (0.004, 0.004)),
-            tube((3, 0, 0), (3, 0, 4), (0.3, 0.3), part=OTHER),
-            tube((4, 0, 0), (4, 0, 4), (0.3, 0.3), part=LEAF),
+            pole((0, 0, 0), (0, 0, 4), (0.2, 0.2)),
+            pole((0, 0, 0.5), (0.3, 0, 4), (0.05, 0.05)),  # a branch that is still in its trunk
+            pole((1, 0, 0), (1, 0, 4), (0.02, 0.02)),
+            pole((2, 0, 0), (2, 0, 4), (0.004, 0.004)),
+            pole((3, 0, 0), (3, 0, 4), (0.3, 0.3), part=OTHER),
+            pole((4, 0, 0), (4, 0, 4), (0.3, 0.3), part=LEAF),
         ]
     )
-    trunks = trunks_at_height(scene_of(mesh), 1.0, 0.01)
+    trunks = trunks_at_height(scene_with(mesh), 1.0, 0.01)
     np.testing.assert_allclose(trunks.radius, [0.2, 0.02], rtol=1e-12)
     assert (trunks.thin, trunks.inside) == (1, 1)
-    assert len(trunks_at_height(scene_of(mesh), 3.9, 0.01)) == 3  # the branch has left it
+    assert len(trunks_at_height(scene_with(mesh), 3.9, 0.01)) == 3  # the branch has left it
 
 
 def test_nothing_to_cut() -> None:
     empty = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), WOOD)
-    trunks = trunks_at_height(scene_of(empty), 1.0)
+    trunks = trunks_at_height(scene_with(empty), 1.0)
     assert (len(trunks), trunks.position.shape, trunks.tree.dtype) == (0, (0, 2), np.int64)
-
-
-def test_broken_coordinates_are_passed_over() -> None:
-    mesh = tube((0, 0, 0), (0, 0, 2), (0.2, 0.2), 180)
-    mesh.vertices[5] = np.nan
-    np.testing.assert_allclose(trunks_at_height(scene_of(mesh), 1.0).radius, [0.2], rtol=1e-3)
 
 
 def test_hull_of_degenerate_points() -> None:
@@ -482,11 +440,11 @@ def test_no_radius_is_above_its_bound(name):
 
 
 def test_wood_is_cut_alike_whether_it_is_kept_and_however_it_stands():
-    leaning = tube((0, 0, 0), (0.3, 0.1, 9), (0.2, 0.1))
-    upright, wood = scene_of(leaning, tube((2, 0, 0), (2, 0, 9), (0.1, 0.05))), {}
+    leaning = pole((0, 0, 0), (0.3, 0.1, 9), (0.2, 0.1))
+    upright, wood = scene_with(leaning, pole((2, 0, 0), (2, 0, 9), (0.1, 0.05))), {}
     almost = np.tile(np.eye(3, 4), (2, 1, 1))
     almost[:, 2, 0] = 1e-300  # not upright: every vertex is asked
-    other = scene_of(*upright.meshes, transform=almost)
+    other = replace(upright, transform=almost)
     for height in (1.0, 4.5, 7.0):
         found = [trunks_at_height(scene, height, 0.01) for scene in (upright, other)]
         found.append(trunks_at_height(upright, height, 0.01, wood))
@@ -497,49 +455,39 @@ def test_wood_is_cut_alike_whether_it_is_kept_and_however_it_stands():
     assert len(wood) == 2
 
 
-def cone(height: float, foot: float, lean: float = 0.0, sides: int = 48) -> TriMesh:
-    """A stem from z = 0 to a point; its axis leans along x by ``lean`` metres a metre."""
-    turn = 2 * np.pi * np.arange(sides) / sides
-    ring = np.column_stack([foot * np.cos(turn), foot * np.sin(turn), np.zeros(sides)])
-    vertices = np.vstack([ring, [[lean * height, 0.0, height]]])
-    following = (np.arange(sides) + 1) % sides
-    triangles = np.column_stack([np.arange(sides), following, np.full(sides, sides)])
-    return TriMesh.of_part(vertices, triangles, WOOD)
-
-
 def scene(mesh: TriMesh, *places: tuple[float, float]) -> SceneGeometry:
-    transform = np.tile(np.eye(3, 4), (len(places), 1, 1))
-    transform[:, :2, 3] = places
-    number = np.arange(len(places))
-    names = tuple(f"tree {n}" for n in number)
-    return SceneGeometry((mesh,), transform, np.zeros(len(places), np.int64), names, number, number)
+    return scene_of(mesh, *(np.column_stack([np.eye(3), (*place, 0.0)]) for place in places))
 
 
 def test_each_trunk_is_cut_where_the_path_meets_it() -> None:
     """The path from 1 m up to 9 m over 40 m; a cut is at most half a step off."""
     places = [(x, 0.5) for x in (4, 12, 20, 28, 36)]
-    cuts = TrunkCuts(scene(cone(12.0, 0.6, lean=0.1), *places), 0.0)
+    cuts = TrunkCuts(scene(pole((0, 0, 0), (1.2, 0, 12), (0.6, 0), 48), *places), 0.0)
     source, receiver = np.array([0.0, 0, 1.0]), np.array([40.0, 0, 9.0])
     trunks = cuts.between(source, receiver)
-    assert sorted(trunks.tree) == [0, 1, 2, 3, 4]
+    assert sorted(trunks.tree) == [3, 4, 5, 6, 7]
     for x, radius, tree in zip(trunks.position[:, 0], trunks.radius, trunks.tree, strict=True):
         height = 1.0 + 8.0 * x / 40
         assert abs(radius - 0.6 * (1 - height / 12)) < 0.6 / 12 * STEP / 2 + 2e-3
-        assert abs(x - (places[tree][0] + 0.1 * height)) < 0.1 * STEP / 2 + 1e-3
+        assert abs(x - (places[tree - 3][0] + 0.1 * height)) < 0.1 * STEP / 2 + 1e-3
 
 
 def test_a_receiver_above_the_canopy() -> None:
     """The path passes over trees near the receiver and meets those near the source."""
-    cuts = TrunkCuts(scene(cone(10.0, 0.4), (2, 0), (5, 0), (9, 0), (11, 0)), 0.0)
+    cuts = TrunkCuts(
+        scene(pole((0, 0, 0), (0, 0, 10), (0.4, 0), 48), (2, 0), (5, 0), (9, 0), (11, 0)), 0.0
+    )
     trunks = cuts.between(np.array([0.0, 0.3, 1.5]), np.array([12.0, 0.3, 25.0]))
     heard = [1.5 + 23.5 * x / 12 < 10 for x in (2, 5, 9, 11)]
-    assert sorted(trunks.tree) == list(np.flatnonzero(heard)) == [0]
+    assert list(trunks.tree - 3) == list(np.flatnonzero(heard)) == [0]
     assert len(cuts.between(np.array([0.0, 0, 30.0]), np.array([12.0, 0, 40.0]))) == 0
 
 
 @pytest.mark.parametrize("low", [1.0, 30.0])
 def test_there_and_back_are_the_same_trunks(low: float) -> None:
-    cuts = TrunkCuts(scene(cone(12.0, 0.6), (4, 1), (12, 2), (20, -3), (20, 0)), 0.0)
+    cuts = TrunkCuts(
+        scene(pole((0, 0, 0), (0, 0, 12), (0.6, 0), 48), (4, 1), (12, 2), (20, -3), (20, 0)), 0.0
+    )
     ends = np.array([0.0, 0, low]), np.array([30.0, 5, 6.0])
     there, back = cuts.between(*ends), cuts.between(*ends[::-1])
     for part in ("tree", "radius"):
