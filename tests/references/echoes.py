@@ -8,7 +8,7 @@ Nothing is shared with the product but the definitions of PHYSICS 4.1; the air i
 
 import cmath
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,60 +16,23 @@ from scipy import special
 
 from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.sonar.echo import Echo
 from forest_addon.sensing.sonar.leaves import FoliageDiscs, LeafDiscs
+from forest_addon.sensing.sonar.ping import ping
+from forest_addon.sensing.sonar.targets import EchoTargets
+from forest_addon.spec import Air, Sonar
 
 from .reverb import absorption_direct
 
 Leaf = tuple[Sequence[float], Sequence[float], float]  # centre, unit normal, radius
 
 
-def echo_spectrum_direct(
-    frequency: float,
-    leaves: Iterable[Leaf],
-    *,
-    position: Sequence[float],
-    azimuth: float,
-    elevation: float,
-    width: tuple[float, float],
-    model: str,
-    speed: float,
-    air: tuple[float, float, float] | None,
-) -> complex:
-    """Echo pressure at one frequency re the call at 1 m; angles in radians, air None: no loss."""
-    total = 0j
-    for centre, normal, radius in leaves:
-        total += leaf_direct(
-            frequency,
-            centre,
-            normal,
-            radius,
-            position,
-            azimuth,
-            elevation,
-            width,
-            model,
-            speed,
-            air,
-        )
-    return total
-
-
-def leaf_direct(
-    frequency: float,
-    centre: Sequence[float],
-    normal: Sequence[float],
-    radius: float,
-    position: Sequence[float],
-    azimuth: float,
-    elevation: float,
-    width: tuple[float, float],
-    model: str,
-    speed: float,
-    air: tuple[float, float, float] | None,
-) -> complex:
-    """One leaf's share of the echo."""
-    k = 2 * math.pi * frequency / speed
-    ray = [c - p for c, p in zip(centre, position, strict=True)]
+def leaf_direct(frequency: float, leaf: Leaf, sonar: Sonar, air: Air) -> complex:
+    """Echo pressure of one leaf at one frequency, re the call at 1 m."""
+    centre, normal, radius = leaf
+    azimuth, elevation = math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg)
+    k = 2 * math.pi * frequency / air.speed()
+    ray = [c - p for c, p in zip(centre, sonar.position, strict=True)]
     r = math.sqrt(sum(x * x for x in ray))
     unit = [x / r for x in ray]
 
@@ -81,12 +44,14 @@ def leaf_direct(
     off_axis = math.acos(max(-1.0, min(1.0, forward)))
     about = math.atan2(up, y)
     az, el = off_axis * math.cos(about), off_axis * math.sin(about)
+    width = map(math.radians, sonar.beam_width_deg)
     sigma = [w / 2 / math.sqrt(-2 * math.log(10 ** (-3 / 20))) for w in width]
     beam = math.exp(-(az**2) / (2 * sigma[0] ** 2) - el**2 / (2 * sigma[1] ** 2))
 
     cosine = min(1.0, abs(sum(u * n for u, n in zip(unit, normal, strict=True))))
-    amplitude = scattering_direct(k * radius, math.acos(cosine), model) / k
-    loss = absorption_direct(frequency, *air) if air else 0.0
+    amplitude = scattering_direct(k * radius, math.acos(cosine), sonar.leaf_model) / k
+    state = air.temperature_c, air.humidity, air.pressure_kpa
+    loss = absorption_direct(frequency, *state) if sonar.absorption else 0.0
     return beam * beam * amplitude / r**2 * cmath.exp(-2 * (loss + 1j * k) * r)
 
 
@@ -105,6 +70,24 @@ def scattering_direct(ka: float, incidence: float, model: str) -> complex:
 
 # --------------------------------------------------------------------------------------- echo scenes
 # Small scenes that tests of echoes share: one mesh, some instances.
+
+
+def turn(seed: int) -> np.ndarray:
+    """A rotation by chance."""
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+LINEAR = {
+    "turned": turn(1),
+    "larger": 1.7 * turn(2),
+    "smaller": 0.3 * turn(3),
+    "mirrored": np.diag([-1.0, 1.0, 1.0]) @ turn(4),
+    "squeezed": np.diag([1.0, 0.2, 2.0]) @ turn(5),
+    "sheared": np.array([[1.0, 0.5, 0.2], [0.0, 0.3, -1.0], [0.7, 0.0, 2.0]]),
+    "flattened": np.diag([1.0, 1.0, 0.0]),
+    "gone": np.zeros((3, 3)),
+}
 
 
 def scene_of(mesh: TriMesh, *transforms: np.ndarray) -> SceneGeometry:
@@ -204,3 +187,21 @@ def leaf_discs(scene: SceneGeometry) -> LeafDiscs:
         leaf[rows] = foliage.leaf
     instance_of = np.repeat(np.arange(len(scene)), counts)
     return LeafDiscs(centre, normal, radius, instance_of, leaf, scene.tree[instance_of])
+
+
+# ------------------------------------------------------------------------------------------- culling
+
+
+def culled(targets: EchoTargets | LeafDiscs, sonar: Sonar, cull: float, **given: Any) -> Echo:
+    """An echo less what is culled, which adds less than is told: in all, at each frequency and time."""
+    some, every = (
+        ping(targets, sonar.changed(cull=c, record=0.1), Air(sound_speed=340.0), **given)
+        for c in (cull, 0.0)
+    )
+    promised = some.cull_bound * some.heard.amplitude.sum()
+    assert len(some.heard) < len(every.heard)
+    assert 0 < some.cull_bound <= cull
+    assert every.heard.amplitude.sum() - some.heard.amplitude.sum() <= promised
+    for name in ("spectra", "envelopes"):
+        assert np.abs(getattr(every, name) - getattr(some, name)).max() <= promised
+    return some
