@@ -1,6 +1,5 @@
 """Leaf scattering: closed forms, the Kirchhoff integral by quadrature, limits and bounds."""
 
-import importlib.util
 import math
 import os
 import subprocess
@@ -11,7 +10,8 @@ import numpy as np
 import pytest
 from references.discs import HardDisc, _galerkin_matrix, hard_disc_spheroidal
 from references.echoes import scattering_direct
-from scipy import integrate, special
+from references.scripts import ROOT, script
+from scipy import integrate
 
 from forest_addon.acoustics import disc_table, kept_tables
 from forest_addon.acoustics.disc import (
@@ -70,28 +70,7 @@ def test_piston_sign_is_that_of_a_mirror() -> None:
     assert far == pytest.approx(exact, rel=1e-3)
 
 
-def test_paper_fit() -> None:
-    assert backscatter(5.0, 0.0, "paper") == pytest.approx(0.5003 * 25 + 0.6867)
-    ka, incidence = np.meshgrid([1.0, 2.0, 10.0, 37.0], np.linspace(0, 1.0, 5))
-    strength = (0.5003 * ka**2 + 0.6867) * np.cos((0.3999 * ka**-0.9065 + 0.9979) * incidence)
-    np.testing.assert_allclose(backscatter(ka, incidence, "paper"), strength, rtol=1e-14)
-    # Not clipped: beyond its zero the fit goes on with the opposite sign.
-    zero = math.pi / 2 / (0.3999 + 0.9979)
-    around = backscatter_amplitude(1.0, zero + np.array([-0.01, 0.01]), "paper")
-    assert (around[0] / around[1]).real == pytest.approx(-1, abs=0.05)
-
-
-def test_paper_phase() -> None:
-    ka, incidence = np.logspace(-3, 3, 200)[:, None], np.linspace(0, math.pi / 2, 301)
-    steepness = 0.9824 * ka**0.3523 - 0.9459
-    phase = special.erf(steepness * (math.pi / 2 - incidence)) - 2.6343
-    value = backscatter_amplitude(ka, incidence, "paper") * np.exp(1j * phase)
-    largest = 0.5003 * ka**2 + 0.6867
-    shape = np.cos((0.3999 * ka**-0.9065 + 0.9979) * incidence)
-    np.testing.assert_allclose(value / largest, shape, atol=1e-12)
-
-
-@pytest.mark.parametrize("model", ["paper", "piston"])
+@pytest.mark.parametrize("model", MODELS)
 def test_what_is_no_number_stays_so(model: str) -> None:
     found = backscatter(np.array([math.nan, 5.0, 5.0]), np.array([0.1, math.nan, 0.1]), model)
     assert np.isnan(found).tolist() == [True, True, False]
@@ -256,7 +235,6 @@ class _Finer(HardDisc):
 # ---------------------------------------------------------------------------------------- disc table
 # The table of the exact disc against the solver, and as what the repository ships.
 
-SCRIPT = Path(__file__).resolve().parents[2] / "packaging" / "make_disc_table.py"
 RANGES = [(1e-9, 0.1), (0.1, 1), (1, 3), (3, 10), (10, 40), (40, 80), (80, LAST)]
 
 
@@ -271,15 +249,6 @@ def test_error_is_as_stated(low: float, high: float) -> None:
         assert np.abs(tabulated(ka, angle) - exact).max() < ERROR * abs(exact[0])
 
 
-def test_broadcasting_and_ends() -> None:
-    ka, angle = np.array([[0.0], [5e-324], [1e-3], [LAST]]), np.array([0.0, 1.0, math.pi / 2])
-    value = tabulated(ka, angle)
-    assert value.shape == (4, 3)
-    assert np.isfinite(value).all()
-    assert (value[0] == 0).all()
-    assert np.isnan(tabulated(np.array([np.nan, 1.0]), np.array([1.0, np.nan]))).all()
-
-
 def test_bound_of_the_table() -> None:
     rng = np.random.default_rng(6)
     angle = np.append(rng.uniform(0, math.pi / 2, 300), [0, math.pi / 2])
@@ -291,15 +260,12 @@ def test_bound_of_the_table() -> None:
 
 
 def test_shipped_table_is_what_the_script_makes() -> None:
-    spec = importlib.util.spec_from_file_location("make_disc_table", SCRIPT)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    ka = tabulated_ka()
+    maker, ka = script("packaging/make_disc_table.py"), tabulated_ka()
     with np.load(FILE) as data:
         np.testing.assert_allclose(data["ka"], ka, rtol=1e-14)
         rows = np.split(data["series"], np.cumsum(data["terms"])[:-1])
     for index in (0, MARGIN, MARGIN + 1, 100, 300, len(ka) - 1):
-        made = script.series(float(ka[index]))
+        made = maker.series(float(ka[index]))
         shared = min(len(made), len(rows[index]))  # the cut may fall one term apart
         assert abs(len(made) - len(rows[index])) <= 1
         np.testing.assert_allclose(rows[index][:shared], made[:shared], atol=3e-7)
@@ -309,7 +275,6 @@ def test_shipped_table_is_what_the_script_makes() -> None:
 # --------------------------------------------------------------------------------------- kept tables
 # Tables kept on the disk: the same bytes with and without, whatever happens to a file or beside it.
 
-ROOT = Path(__file__).resolve().parents[2]
 TABLE = np.arange(12.0).reshape(3, 4) * (1 + 2j)
 
 

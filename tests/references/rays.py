@@ -125,22 +125,6 @@ def scene_with(*meshes):
     )
 
 
-def ground(extent=500.0):
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * extent
-    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), GROUND)
-
-
-def wall(x, half=500.0):
-    corners = np.array([[x, -half, 0], [x, half, 0], [x, half, half], [x, -half, half]])
-    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), WOOD)
-
-
-# ----------------------------------------------------------------------------------- ordinary scenes
-# Ordinary scenes of boxes, walls, ground and leaves, drawn by seed; some of their faces lie on others.
-
-FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-
-
 def quad(corners, part):
     """Two triangles."""
     return TriMesh.of_part(np.asarray(corners, float), np.array([[0, 1, 2], [0, 2, 3]]), part)
@@ -150,6 +134,26 @@ def level(low, high, height, part):
     """A rectangle at a height."""
     (x, y), (u, v) = low, high
     return quad([(x, y, height), (u, y, height), (u, v, height), (x, v, height)], part)
+
+
+def ground(extent=500.0):
+    return level((-extent, -extent), (extent, extent), 0.0, GROUND)
+
+
+def wall(x, half=500.0):
+    return quad([[x, -half, 0], [x, half, 0], [x, half, half], [x, -half, half]], WOOD)
+
+
+def sheet(distance, part=OTHER, tilt=0.0, low=-50.0, high=50.0):
+    """A plane across the X axis from y = low to y = high, turned about Z by ``tilt`` radians."""
+    y, z = np.array([low, high, high, low]), np.array([-50.0, -50.0, 50.0, 50.0])
+    return quad(np.stack([distance + y * np.tan(tilt), y, z], axis=1), part)
+
+
+# ----------------------------------------------------------------------------------- ordinary scenes
+# Ordinary scenes of boxes, walls, ground and leaves, drawn by seed; some of their faces lie on others.
+
+FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 
 
 def box(low, high, part):

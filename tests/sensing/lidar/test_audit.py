@@ -45,7 +45,7 @@ class Off(BruteCaster):
 def test_a_right_scan_passes_and_says_what_it_took():
     shift = 5e5
     caster = BruteCaster(scene(shift=shift))
-    looks = Terrestrial(position=(shift,) * 3, angle_step_deg=5, beam=Beam(subrays=7))
+    looks = Terrestrial(position=(shift,) * 3, angle_step_deg=9, beam=Beam(subrays=7))
     found = audit(Scan(looks, caster), scan(looks, caster))
     assert found.kept, str(found)
     assert found.checked >= 8
@@ -61,7 +61,7 @@ def audit(work, cloud):
 @pytest.mark.parametrize("wrong", [{"factor": 1 + 1e-8}, {"blind": True}])
 def test_a_wrong_engine_is_found(wrong):
     caster = Off(scene(), **wrong)
-    looks = Terrestrial(position=(0, 0, 0), angle_step_deg=5)
+    looks = Terrestrial(position=(0, 0, 0), angle_step_deg=9)
     found = audit(Scan(looks, caster), scan(looks, caster))
     assert not found.kept
     assert "MORE than" in str(found)
@@ -71,7 +71,7 @@ def test_a_wrong_engine_is_found(wrong):
 def test_light_that_passes_leaves_is_followed_too():
     caster = BruteCaster(scene())
     shines = Surfaces(leaf_transmittance=0.3, passing="share")
-    looks = Terrestrial(position=(0, 0, 0), angle_step_deg=5, surfaces=shines)
+    looks = Terrestrial(position=(0, 0, 0), angle_step_deg=9, surfaces=shines)
     cloud = scan(looks, caster)
     assert audit(Scan(looks, caster), cloud).kept
     behind = Off(scene(), factor=1 + 1e-7)

@@ -7,9 +7,9 @@ import laspy
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from references.rays import BruteCaster, scene_with
+from references.rays import BruteCaster, quad, scene_with, sheet
 
-from forest_addon.base.trimesh import OTHER, WOOD, TriMesh
+from forest_addon.base.trimesh import OTHER, WOOD
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.audit import held
 from forest_addon.sensing.lidar import specular
@@ -29,8 +29,7 @@ def plane(centre, normal, part=OTHER, half=200.0):
     u /= np.linalg.norm(u)
     v = np.cross(n, u)
     signs = np.array([[-1.0, -0.7], [1.1, -1.0], [1.0, 1.2], [-0.9, 1.0]]) * half
-    corners = np.array(centre, float) + signs @ np.stack([u, v])
-    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), part)
+    return quad(np.array(centre, float) + signs @ np.stack([u, v]), part)
 
 
 def polished(kind, index=np.nan, share=np.nan, extinction=0.0):
@@ -357,12 +356,6 @@ def test_files_hold_bounces_only_of_scanners_that_follow_them(tmp_path, ending):
 GAIN, FAR = 500.0, 50.0
 
 
-def plate(distance, low, high):
-    y, z = np.array([low, high, high, low]), np.array([-9.0, -9.0, 9.0, 9.0])
-    corners = np.stack([np.full(4, distance), y, z], axis=1)
-    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), OTHER)
-
-
 def shining(*meshes, first=True):
     """A scene whose first plate is a retro-reflector."""
     optics = np.full((len(meshes), 4), np.nan)
@@ -380,18 +373,18 @@ def halo_scanner(**receiver):
 
 
 def test_a_retro_reflector_is_as_bright_as_it_says():
-    cloud = scan(halo_scanner(), BruteCaster(shining(plate(FAR, -1.0, 1.0))))
+    cloud = scan(halo_scanner(), BruteCaster(shining(sheet(FAR, low=-1.0, high=1.0))))
     here = np.abs(cloud.azimuth) < 0.015
     cosine = FAR / cloud.true_range[here]
     assert cloud.intensity[here] == pytest.approx(
         GAIN * cosine / cloud.true_range[here] ** 2, rel=1e-3
     )
-    dark = scan(halo_scanner(), BruteCaster(shining(plate(FAR, -1.0, 1.0), first=False)))
+    dark = scan(halo_scanner(), BruteCaster(shining(sheet(FAR, low=-1.0, high=1.0), first=False)))
     assert cloud.intensity.sum() == pytest.approx(dark.intensity.sum() * GAIN / 0.5, rel=1e-9)
 
 
 def test_a_gain_below_that_of_white_is_refused():
-    scene = shining(plate(FAR, -1.0, 1.0))
+    scene = shining(sheet(FAR, low=-1.0, high=1.0))
     scene.optics[0, 3] = 0.5
     with pytest.raises(SpecError, match=r"forest_gain: of a retro-reflector is 0\.5"):
         Scan(halo_scanner(), BruteCaster(scene))
@@ -399,7 +392,7 @@ def test_a_gain_below_that_of_white_is_refused():
 
 def test_the_edge_glows_as_a_gaussian_cone_says():
     share, angle = 1e-2, 20.0
-    caster = BruteCaster(shining(plate(FAR, 0.0, 60.0)))
+    caster = BruteCaster(shining(sheet(FAR, low=0.0, high=60.0)))
     halo = Halo.of(halo_scanner(halo=share, halo_mrad=angle), caster.scene)
     for beside in (0.1, 0.3, 0.5):
         look = Terrestrial(
@@ -417,7 +410,7 @@ def test_the_edge_glows_as_a_gaussian_cone_says():
 
 
 def test_a_sign_blooms_and_a_white_wall_does_not():
-    meshes = plate(FAR, -0.5, 0.5), plate(90.0, -40.0, 40.0)
+    meshes = sheet(FAR, low=-0.5, high=0.5), sheet(90.0, low=-40.0, high=40.0)
     plain = scan(halo_scanner(), BruteCaster(shining(*meshes)))
     glowing = scan(halo_scanner(halo=1e-2), BruteCaster(shining(*meshes)))
     white = scan(halo_scanner(halo=1e-2), BruteCaster(shining(*meshes, first=False)))
@@ -434,7 +427,7 @@ def test_a_sign_blooms_and_a_white_wall_does_not():
 
 @pytest.mark.medium
 def test_chunks_are_the_whole_and_bounces_leave_it_alone():
-    caster = BruteCaster(shining(plate(FAR, -0.5, 0.5), plate(90.0, -40.0, 40.0)))
+    caster = BruteCaster(shining(sheet(FAR, low=-0.5, high=0.5), sheet(90.0, low=-40.0, high=40.0)))
     work = Scan(halo_scanner(halo=1e-2), caster)
     parts = np.concatenate([piece.position for _, piece in work.chunks(at_once=97)])
     assert (parts == scan(halo_scanner(halo=1e-2), caster).position).all()

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
-from references.rays import BruteCaster, scene_with
+from references.rays import BruteCaster, scene_with, sheet
 from scipy.optimize import curve_fit
 
 from forest_addon.base.trimesh import LEAF, OTHER, TriMesh
@@ -27,13 +27,6 @@ from forest_addon.sensing.lidar.waveform import (
 from forest_addon.spec import Airborne, Beam, LinkBudget, Receiver, Surfaces, Terrestrial
 
 KEEP = ("first", "last", "strongest", "strongest+last")
-
-
-def plate(distance, part=OTHER, high=50.0):
-    """A plane across the X axis up to y = high."""
-    y, z = np.array([-50.0, high, high, -50.0]), np.array([-50.0, -50.0, 50.0, 50.0])
-    corners = np.stack([np.full(4, distance), y, z], axis=1)
-    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), part)
 
 
 def looked(meshes, beam, **settings):
@@ -61,24 +54,13 @@ def random_echoes(rng, pulses=400):
 
 @pytest.mark.parametrize(("apart", "returns"), [(1.0, 1), (2.4, 1), (2.6, 2), (9.0, 2)])
 def test_two_plates_are_told_apart_beyond_the_dead_zone(apart, returns):
-    plates = plate(100.0, high=0.0), plate(100.0 + apart)
+    plates = sheet(100.0, high=0.0), sheet(100.0 + apart)
     beam = Beam(subrays=100, divergence_mrad=(1.0, 1.0), pulse_ns=2.0, max_returns=5)
     assert len(looked(plates, beam)) == 2  # the waveform tells them apart
     cloud = looked(plates, beam, receiver=Receiver(dead_zone=2.5))
     at = [100.0, 100.0 + apart][:returns]
     assert cloud.true_range == pytest.approx(at, abs=1e-3)
     assert cloud.count.tolist() == [returns] * returns
-
-
-@pytest.mark.parametrize("dead_zone", [0.0, 0.4, 1.3, 20.0])
-def test_a_receiver_is_awake_as_an_electronic_clock_says(dead_zone):
-    echoes = random_echoes(np.random.default_rng(3))
-    expected, until = [], {}
-    for row, (pulse, distance) in enumerate(zip(echoes.pulse, echoes.distance, strict=True)):
-        if distance >= until.get(pulse, 0.0):
-            expected.append(row)
-            until[pulse] = distance + dead_zone
-    assert awake(echoes, dead_zone).tolist() == expected
 
 
 @pytest.mark.parametrize("keep", KEEP)
@@ -113,7 +95,7 @@ def test_returns_are_kept_as_a_loop_over_pulses_keeps_them(keep, most):
 def test_of_three_plates_those_asked_for_are_kept(keep, at):
     # Each leaf lets 0.9 pass, there and back: 0.02/10², 0.02·0.81/20² and 0.9·0.81²/40² come back.
     surfaces = Surfaces(leaf=0.02, leaf_transmittance=0.9, passing="share", other=0.9)
-    plates = plate(10.0, LEAF), plate(20.0, LEAF), plate(40.0)
+    plates = sheet(10.0, LEAF), sheet(20.0, LEAF), sheet(40.0)
     cloud = looked(plates, Beam(max_returns=2), surfaces=surfaces, receiver=Receiver(keep=keep))
     light = {10: 0.02 / 100, 20: 0.02 * 0.81 / 400, 40: 0.9 * 0.81**2 / 1600}
     assert cloud.true_range == pytest.approx(at, rel=1e-6)
@@ -126,9 +108,9 @@ def test_a_calibrated_wall_has_its_reflectance_at_every_range(distance):
     beam = Beam(extinction=2e-3)
     surfaces = Surfaces(other=0.37)
     calibrated = Receiver(reading="reflectance")
-    cloud = looked([plate(distance)], beam, surfaces=surfaces, receiver=calibrated)
+    cloud = looked([sheet(distance)], beam, surfaces=surfaces, receiver=calibrated)
     assert cloud.intensity == pytest.approx([0.37], rel=1e-6)
-    cloud = looked([plate(distance)], beam, surfaces=surfaces)
+    cloud = looked([sheet(distance)], beam, surfaces=surfaces)
     assert cloud.intensity == pytest.approx([0.37 * np.exp(-0.004 * distance) / distance**2])
 
 
@@ -137,7 +119,7 @@ def test_the_faintest_surface_that_is_seen_grows_with_range_squared(share):
     # 0.8 is seen at 1000 m, so 0.8·(R/1000)² is at R.
     for distance in (50.0, 200.0, 900.0):
         surfaces = Surfaces(other=0.8 * share * (distance / 1000) ** 2)
-        cloud = looked([plate(distance)], Beam(), surfaces=surfaces, faintest=0.8)
+        cloud = looked([sheet(distance)], Beam(), surfaces=surfaces, faintest=0.8)
         assert len(cloud) == (share > 1)
 
 
@@ -145,7 +127,7 @@ def test_light_beyond_the_dynamic_range_reads_the_same():
     # 0.2 at 1000 m is the faintest; 20 dB more is white, 0.5, at √(0.5/0.2/100)·1000 = 158.1 m.
     receiver = Receiver(dynamic_range=20.0)
     for distance in (30.0, 158.0, 158.3, 300.0):
-        cloud = looked([plate(distance)], Beam(), faintest=0.2, receiver=receiver)
+        cloud = looked([sheet(distance)], Beam(), faintest=0.2, receiver=receiver)
         expected = min(0.5 / distance**2, 0.2 / 1000**2 * 100)
         assert cloud.intensity == pytest.approx([expected], rel=1e-6)
 
@@ -153,7 +135,7 @@ def test_light_beyond_the_dynamic_range_reads_the_same():
 def test_instruments_resolve_what_their_sheets_say():
     aircraft = structure(settings_of("leica-als50-ii", "airborne"), Airborne)
     for apart, returns in ((2.5, 1), (2.9, 2)):
-        plates = plate(100.0, high=0.0), plate(100.0 + apart)
+        plates = sheet(100.0, high=0.0), sheet(100.0 + apart)
         cloud = looked(plates, aircraft.beam, receiver=aircraft.receiver)
         assert len(cloud) == returns
     drone = structure(settings_of("dji-zenmuse-l2", "airborne"), Airborne)
@@ -193,7 +175,7 @@ def test_false_alarm_rate_is_that_of_filtered_noise():
 def test_noise_gives_false_points_everywhere_in_the_gate_and_says_that_nothing_was_met():
     scanner = noisy(3.0)
     cloud = scan(
-        scanner, BruteCaster(scene_with(plate(-50.0))), seed=4
+        scanner, BruteCaster(scene_with(sheet(-50.0))), seed=4
     )  # behind: no pulse meets it
     gate = 2 * (scanner.max_range - scanner.min_range) / 299_792_458.0
     mean = 10_000 * false_alarm_rate(3.0, 5.0) * gate
@@ -207,7 +189,7 @@ def test_noise_gives_false_points_everywhere_in_the_gate_and_says_that_nothing_w
     assert (cloud.returns.organ == -1).all()
     assert (cloud.returns.instance == -1).all()
     assert np.isfinite(cloud.position).all()
-    work = Scan(scanner, BruteCaster(scene_with(plate(-50.0))), seed=4)
+    work = Scan(scanner, BruteCaster(scene_with(sheet(-50.0))), seed=4)
     parts = np.concatenate([piece.position for _, piece in work.chunks(at_once=777)])
     assert (parts == cloud.position).all()
 
@@ -241,7 +223,7 @@ def sphere(radius):
 
 def test_far_echoes_fold_into_the_range_of_the_next_pulse():
     period = 299_792_458.0 / 2 / 1e6  # 149.9 m at 1 MHz
-    plates = plate(20.0, high=-5.0), plate(400.0)
+    plates = sheet(20.0, high=-5.0), sheet(400.0)
     settings = {"max_range": 1000.0, "pulse_rate": 1e6, "beam": Beam(max_returns=5)}
     scanner = Airborne(
         position=(0.0, 0.0, 0.0),
@@ -276,7 +258,7 @@ def test_light_that_arrives_while_a_later_pulse_is_sent_is_lost(beyond):
     period = 299_792_458.0 / 2 / 1e6
     settings = {"max_range": 1000.0, "pulse_rate": 1e6, "pattern": "lines", "line_rate": 1e4}
     settings |= {"position": (0.0, 0.0, 0.0), "heading_deg": 90.0, "track": 1.0, "speed": 1e3}
-    caster = BruteCaster(scene_with(plate(20.0, high=-5.0), plate(448.0)))
+    caster = BruteCaster(scene_with(sheet(20.0, high=-5.0), sheet(448.0)))
     clouds = [
         scan(
             Airborne(
@@ -300,7 +282,7 @@ def test_a_link_budget_sees_as_far_as_its_photons_reach():
     reach = np.sqrt(joules / needed)  # 580 m
     beam = Beam(wavelength_nm=1064.0)
     for share, seen in ((0.999, 1), (1.001, 0)):
-        assert len(looked([plate(share * reach)], beam, link=link)) == seen
+        assert len(looked([sheet(share * reach)], beam, link=link)) == seen
     light = np.array([0.5 / reach**2])
     scanner = Terrestrial(link=link, beam=beam)
     assert received_energy(scanner, light) == pytest.approx(needed, rel=1e-12)

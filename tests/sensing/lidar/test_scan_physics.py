@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.rays import BruteCaster, ground, scene_with, wall
+from references.rays import BruteCaster, ground, level, scene_with, sheet, wall
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from scipy.special import erf
@@ -22,13 +22,6 @@ from forest_addon.sensing.rays.cells import Cells
 from forest_addon.spec import Beam, Noise, SpecError, Surfaces, Terrestrial
 
 CHANCE = 4.5  # standard deviations: a right program fails in 7 of a million tests
-
-
-def sheet(distance, part=OTHER, tilt=0.0, low=-50.0, high=50.0):
-    """A plane across the X axis from y = low to y = high, turned about Z by ``tilt`` radians."""
-    y, z = np.array([low, high, high, low]), np.array([-50.0, -50.0, 50.0, 50.0])
-    corners = np.stack([distance + y * np.tan(tilt), y, z], axis=1)
-    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), part)
 
 
 def along_x(pulses=1, **settings):
@@ -462,12 +455,7 @@ def test_a_stem_before_the_ground_is_apart_from_it():
 
 def steps(count, part):
     """Level plates one after the other, each 1 m long, 1 m from the next, 4 cm below it."""
-    meshes = []
-    for n in range(count):
-        x, z = 20.0 + 2 * n, 0.04 * n
-        corners = np.array([[x, -9, z], [x + 1, -9, z], [x + 1, 9, z], [x, 9, z]])
-        meshes.append(TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), part))
-    return meshes
+    return [level((20 + 2 * n, -9), (21 + 2 * n, 9), 0.04 * n, part) for n in range(count)]
 
 
 @pytest.mark.parametrize("part", [OTHER, LEAF])
@@ -485,13 +473,7 @@ def test_plates_one_behind_the_other_stay_apart(part):
 
 def test_leaves_at_grazing_incidence_are_not_spread():
     beam = Beam(subrays=19, divergence_mrad=(1.0, 1.0), pulse_ns=1.0, max_returns=9)
-    corners = np.array([[30.0, -1, 0], [30.05, -1, 0], [30.05, 1, 0], [30.0, 1, 0]])
-    blades = [
-        TriMesh.of_part(
-            corners + np.array([2.0 * n, 0, -0.01 * n]), np.array([[0, 1, 2], [0, 2, 3]]), LEAF
-        )
-        for n in range(3)
-    ]
+    blades = [level((30 + 2 * n, -1), (30.05 + 2 * n, 1), -0.01 * n, LEAF) for n in range(3)]
     scanner = replace(
         down(beam, 0.02, 32.0), position=(0.0, 0.0, 0.02), elevation_deg=(-0.04, -0.04 + 1e-9)
     )

@@ -38,22 +38,16 @@ SCANNERS = [
 
 
 @pytest.mark.parametrize("scanner", SCANNERS, ids=lambda s: getattr(s, "pattern", s.kind))
-def test_directions_and_sweeps_are_unit_vectors_at_right_angles(scanner):
-    pulses = all_pulses(scanner)
-    assert np.linalg.norm(pulses.direction, axis=1) == pytest.approx(1)
-    assert np.linalg.norm(pulses.across, axis=1) == pytest.approx(1)
-    assert np.einsum("pi,pi->p", pulses.direction, pulses.across) == pytest.approx(0, abs=1e-12)
-
-
-@pytest.mark.parametrize("scanner", SCANNERS, ids=lambda s: getattr(s, "pattern", s.kind))
-def test_a_pulse_depends_on_its_number_alone(scanner):
+def test_a_pulse_depends_on_its_number_alone_and_its_sweep_is_across_it(scanner):
     pattern = pattern_of(scanner)
     number = np.arange(pattern.count)
-    whole = pattern.pulses(number)
-    some = pattern.pulses(number[17:31])
+    whole, some = pattern.pulses(number), pattern.pulses(number[17:31])
     assert (some.direction == whole.direction[17:31]).all()
     assert (some.origin == whole.origin[17:31]).all()
     assert whole.time == pytest.approx(number / scanner.pulse_rate)
+    assert np.linalg.norm(whole.direction, axis=1) == pytest.approx(1)
+    assert np.linalg.norm(whole.across, axis=1) == pytest.approx(1)
+    assert np.einsum("pi,pi->p", whole.direction, whole.across) == pytest.approx(0, abs=1e-12)
 
 
 def test_a_tripod_with_its_own_step_in_elevation():

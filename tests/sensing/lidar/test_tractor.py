@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.rays import BruteCaster, ground, scene_with, wall
+from references.rays import BruteCaster, ground, scene_with, sheet, wall
 
 from forest_addon.base.trimesh import GROUND, WOOD, TriMesh
 from forest_addon.growth.mesh.meshing import tube
@@ -78,10 +78,9 @@ WOOD_INDICES_TRACTOR = Tractor(
 )
 
 
-def post(x, low, high, half=50.0):
-    """A board at right angles to the beams, from y = low to high."""
-    corners = np.array([[x, low, -half], [x, high, -half], [x, high, half], [x, low, half]])
-    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), WOOD)
+def post(x, low, high):
+    """A board at right angles to the beams."""
+    return sheet(x, WOOD, low=low, high=high)
 
 
 def test_a_wall_has_its_distance_times_the_fan(simlidar):
@@ -159,9 +158,8 @@ def test_one_ray_passes_what_a_solid_beam_meets():
 
 def test_the_nearest_hit_of_the_sector_counts():
     """A slanting wall is nearest at a corner of the sector, which is one of its rays."""
-    a, b, half = 2.0, 0.5, 50.0  # x = a + b·y
-    corners = np.array([[a - b, -1, -half], [a + b, 1, -half], [a + b, 1, half], [a - b, -1, half]])
-    slant = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), WOOD)
+    a, b = 2.0, 0.5  # x = a + b·y
+    slant = sheet(a, WOOD, np.arctan(b), -1.0, 1.0)
     tractor = replace(WOOD_INDICES_TRACTOR, splits=2, angle_step_deg=1.0, track=0.02)
     scan = driven.drive(tractor, BruteCaster(scene_with(slant)))
     within = np.linspace(0.0, 1.0, 101)
