@@ -42,7 +42,6 @@ from forest_addon.sensing.lidar.surveys.like import (
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.sensing.lidar.surveys.trajectories import read_trajectory
 from forest_addon.sensing.moving import MovingScene
-from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.paths import SceneMotion
@@ -163,7 +162,7 @@ def scan_survey(
     return found
 
 
-def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | MovingCaster]:
+def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster]:
     """Casters of the rays of each leg, by its number: the same for all where nothing moves."""
     from forest_addon.blender.rays.casters import make_caster, make_moving_caster
 
@@ -175,7 +174,7 @@ def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | Movin
         return lambda _leg: still
     sent = np.cumsum([0, *(step_count(survey, leg) for leg in survey.legs)]).tolist()
 
-    def caster(index: int) -> MovingCaster:
+    def caster(index: int) -> RayCaster:
         leg = survey.legs[index]
         pulses = sent[index], sent[index + 1] - sent[index]
         paths = {

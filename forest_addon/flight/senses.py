@@ -20,7 +20,6 @@ from scipy.spatial.transform import Rotation
 from ..base.rng import stream
 from ..sensing.lidar.pattern import Sweep
 from ..sensing.lidar.scan import Scan
-from ..sensing.moving_rays import MovingCaster
 from ..sensing.sonar.echo import Echo
 from ..sensing.sonar.equipment_files import equip
 from ..sensing.sonar.ping import ping
@@ -133,11 +132,8 @@ class LidarSense:
         ways = np.einsum("njk,rk->nrj", turn, self.ways).reshape(-1, 3)
         origins = np.repeat(state.position, self.rays, axis=0)
         most = self.scanner.max_range
-        when = {}
-        if isinstance(around.caster, MovingCaster):
-            pulses = np.arange(self.rays) / self.scanner.pulse_rate
-            when["time"] = (time[:, None] + pulses).ravel()
-        distance = around.caster.cast(origins, ways, most, **when).distance
+        when = time[:, None] + np.arange(self.rays) / self.scanner.pulse_rate
+        distance = around.caster.cast(origins, ways, most, time=when.ravel()).distance
         distance[~((distance >= self.scanner.min_range) & (distance <= most))] = most
         return distance.reshape(len(state), self.rays)
 

@@ -45,7 +45,11 @@ class PlaneTrunks:
         self._tree = cKDTree(position) if len(position) else None
 
     def cast(
-        self, origins: np.ndarray, directions: np.ndarray, max_distance: float = np.inf
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float = np.inf,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
         """The nearest trunk of each ray; of rays that follow each other from one origin, together."""
         hits = Hits.misses(len(origins))

@@ -48,17 +48,17 @@ class FlightSurroundings:
     seed: int = 0
 
     @cached_property
-    def caster(self) -> RayCaster | MovingCaster:
+    def caster(self) -> RayCaster:
         """Rays that meet everything, in the wind at times of their own."""
         return self._cast_in(self.geometry, self.stock.caster)
 
     @cached_property
-    def wood(self) -> RayCaster | MovingCaster:
+    def wood(self) -> RayCaster:
         """Rays that pass leaves, in the wind at times of their own."""
         like = self.stock.wood
         return self._cast_in(replace(self.geometry, meshes=like.scene.meshes), like)
 
-    def _cast_in(self, scene: SceneGeometry, like: Search) -> RayCaster | MovingCaster:
+    def _cast_in(self, scene: SceneGeometry, like: Search) -> RayCaster:
         from ..blender.rays.casters import make_caster
 
         if self.sway is not None:

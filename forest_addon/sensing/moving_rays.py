@@ -1,16 +1,15 @@
 """Rays in time: parts of a scene move, bend or sway, and rays meet them where they are at their own time.
 
 Whatever finds a hit, it is met in float64 in the part's own frame, to which the ray is taken by the part's
-inverse transform at the ray's time, and distances come back by the ray's stretch. ``PartByPart`` does so with
-any caster of still scenes, one for each mesh; an engine may do it faster (``blender.rays.embree_motion``).
+inverse transform at the ray's time, and distances come back by the ray's stretch. ``MovingCaster`` does so
+with any caster of still scenes, one for each mesh; an engine may do it faster
+(``blender.rays.embree_motion``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from copy import copy
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -21,11 +20,11 @@ from .rays.caster import Hits, RayCaster, unit_columns
 from .rays.exact import (
     ExactCaster,
     Level,
-    Referee,
     candidates,
     counting,
     grouped,
     meet,
+    nearest_of_rays,
     put_nearest,
 )
 from .rays.geometry import SceneGeometry
@@ -36,110 +35,26 @@ KEPT = 64  # stretches of time whose boxes are kept
 MakeCaster = Callable[[SceneGeometry], RayCaster]
 
 
-class MotionSearch(Protocol):
-    """Search for hits in a scene that moves, by whatever tree."""
+class MovingCaster(RayCaster):
+    """Closest hits of rays at times of their own in a scene that moves, each part met in its own frame by a
+    caster of its mesh: slow, always there.
 
-    engine: str
-
-    def cast(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: np.ndarray,
-        *,
-        time: np.ndarray,
-        min_distance: np.ndarray,
-        leaving: Hits | None = None,
-    ) -> Hits:
-        """The closest hits of rays (R, 3), (R, 3) within limits (R,), at times (R,), s."""
-        ...
-
-
-class MovingCaster:
-    """Closest hits of rays at times of their own, in a scene that moves.
-
-    make : what makes a caster of a still scene. engine : what makes a search in the moving scene, or None
-    where it cannot; left out: ``PartByPart``.
+    make : what makes a caster of a still scene.
     """
 
-    def __init__(
-        self,
-        moving: MovingScene,
-        make: MakeCaster,
-        engine: Callable[[MovingScene], MotionSearch | None] | None = None,
-    ) -> None:
-        self.moving = moving
-        search = None if engine is None else engine(moving)
-        self.search: MotionSearch | Referee = search or PartByPart(moving, make)
-        self.engine = self.search.engine
-
-    @property
-    def scene(self) -> SceneGeometry:
-        """The scene by which hits are numbered."""
-        return self.moving.scene
-
-    def cast(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        time: np.ndarray,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> Hits:
-        """The closest hit of each ray at its time (R,), s; the rest as ``RayCaster.cast``."""
-        origins = np.asarray(origins, dtype=np.float64)
-        near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), len(origins))
-        far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(origins))
-        time = np.asarray(time, dtype=np.float64)
-        hits = self.search.cast(
-            origins, directions, far, time=time, min_distance=near, leaving=leaving
-        )
-        assert hits.normal is not None
-        rows = np.flatnonzero(hits.found & np.isnan(hits.normal[:, 0]))  # of which none is told
-        hits.normal[rows] = self.moving.normals(hits.select(rows), time[rows])
-        return hits
-
-    def meets(
-        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
-    ) -> np.ndarray:
-        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
-        distance = np.full(len(origins), np.inf)
-        rows = np.flatnonzero(hits.found)
-        corners = self.moving.corners(hits.instance[rows], hits.triangle[rows], time[rows])
-        corners -= origins[rows, None]
-        ways = unit_columns(directions[rows].T).T
-        distance[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
-        return distance
-
-    def exactly(self, true: SceneGeometry | None = None) -> MovingCaster:
-        """The same motion with every triangle met in float64. true : the scene that is true, as it is read;
-        left out: its own."""
-        return MovingCaster(self.moving if true is None else self.moving.of(true), ExactCaster)
-
-    def judged(self, true: SceneGeometry | None = None) -> MovingCaster:
-        """The same caster, every hit of which is held against float64 (``Referee``); true : as of
-        ``exactly``."""
-        other, exact = copy(self), self.exactly(true)
-        other.search, other.engine = Referee(self, exact.scene, exact), Referee.engine
-        return other
-
-
-class PartByPart:
-    """Rays at a scene that moves, each part in its own frame by a caster of its mesh: slow, always there."""
+    moving: MovingScene
 
     def __init__(self, moving: MovingScene, make: MakeCaster) -> None:
-        self._moving, self._make = moving, make
-        self._still = make(moving.still)
-        self.engine = self._still.engine
-        self._casters: dict[int, RayCaster | BentCaster] = {}
+        self.moving, self.scene, self._make = moving, moving.scene, make
+        self.still = make(moving.still)
+        self.engine = self.still.engine
+        self._casters: dict[int, RayCaster] = {}
         motion = moving.motion
         boxes = np.empty((len(motion.rows), 2, 3))
         for row, number in enumerate(motion.rows.tolist()):
             mesh = moving.scene.meshes[moving.scene.mesh_index[number]]
             shape = motion.shapes.get(number)
-            ends = self._alone(mesh).bounds() if shape is None else shape.bounds()
+            ends = _alone(mesh).bounds() if shape is None else shape.bounds()
             boxes[row] = motion.paths[number].swept(*(np.reshape(end, 3) for end in ends))
         self._keyed = BoxTree(boxes[:, 0], boxes[:, 1])
         self._spans = np.array([motion.span(n) for n in motion.rows.tolist()]).reshape(-1, 2)
@@ -148,40 +63,64 @@ class PartByPart:
         self,
         origins: np.ndarray,
         directions: np.ndarray,
-        max_distance: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
         *,
-        time: np.ndarray,
-        min_distance: np.ndarray,
+        min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
-        """The closest hits; see ``MotionSearch``."""
-        best = self._still.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
-        )
-        directions = unit_columns(np.asarray(directions).T).T
-        near = np.maximum(min_distance, 0.0)
-        far = np.fmin(max_distance, best.distance)
-        sound = np.isfinite(origins.sum(axis=1) + directions.sum(axis=1)) & (near <= far)
-        sound = np.flatnonzero(sound)
-        for ray, instance in self._pairs(origins, directions, near, far, time, sound):
+        """The closest hit of each ray at its time (R,), s."""
+        origins, count = np.asarray(origins, dtype=np.float64), len(origins)
+        near = np.maximum(np.full(count, min_distance, np.float64), 0.0)
+        far, when = (np.full(count, given, np.float64) for given in (max_distance, time))
+        hits = self.still.cast(origins, directions, far, min_distance=near, leaving=leaving)
+        far = np.fmin(far, hits.distance)
+        ways = unit_columns(np.asarray(directions).T).T
+        sound = np.isfinite(origins.sum(axis=1) + ways.sum(axis=1)) & (near <= far)
+        rays = origins, ways, near, far, when, np.flatnonzero(sound)
+        for rows, met in self._met(*rays, leaving):
+            nearer = np.flatnonzero(met.distance < hits.distance[rows])
+            hits.put(rows[nearer], met.select(nearer))
+            far[rows[nearer]] = met.distance[nearer]
+        assert hits.normal is not None
+        rows = np.flatnonzero(hits.found & np.isnan(hits.normal[:, 0]))  # of which none is told
+        hits.normal[rows] = self.moving.normals(hits.select(rows), when[rows])
+        return hits
+
+    def _met(
+        self,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        near: np.ndarray,
+        far: np.ndarray,
+        time: np.ndarray,
+        sound: np.ndarray,
+        leaving: Hits | None,
+    ) -> Iterator[tuple[np.ndarray, Hits]]:
+        """Rows of rays (R, 3), (R, 3), each once, and what moves that they meet between limits, of which
+        ``far`` comes nearer from step to step; sound : the rows that are asked for."""
+        for ray, instance in self._pairs(origins, ways, near, far, time, sound):
             # Instances of one mesh, in whose frame they are met.
-            at = self._moving.at(instance, time[ray])
-            begin, along = taken_back(at, origins[ray]), turned_back(at, directions[ray])
+            at = self.moving.at(instance, time[ray])
+            begin, along = taken_back(at, origins[ray]), turned_back(at, ways[ray])
             size = np.linalg.norm(along, axis=1)
             left = None
             if leaving is not None:
                 left = leaving.select(ray)
                 left = replace(left, instance=np.where(left.instance == instance, 0, -1))
-            rays = begin, along, np.fmin(max_distance, best.distance)[ray] * size
-            limits = {"min_distance": min_distance[ray] * size, "leaving": left}
-            caster = self._caster(int(instance[0]))
-            if isinstance(caster, BentCaster):
-                limits["time"] = time[ray]
-            met = caster.cast(*rays, **limits)
-            distance = met.distance / size
-            nearer = np.flatnonzero(met.found & (distance < best.distance[ray]))
-            put_nearest(best, ray[nearer], Hits(distance, instance, met.triangle).select(nearer))
-        return best
+            met = self._caster(int(instance[0])).cast(
+                begin,
+                along,
+                far[ray] * size,
+                min_distance=near[ray] * size,
+                leaving=left,
+                time=time[ray],
+            )
+            met = replace(met, distance=met.distance / size, instance=instance, normal=None)
+            order = nearest_of_rays(ray, met.distance)
+            order = order[np.isfinite(met.distance[order])]
+            nowhere = np.full((len(order), 3), np.nan)
+            yield ray[order], replace(met.select(order), normal=nowhere)
 
     def _pairs(
         self,
@@ -193,7 +132,7 @@ class PartByPart:
         sound: np.ndarray,
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Rays (M,) by number and instances (M,) that they may meet, those of a mesh together."""
-        moving, motion = self._moving, self._moving.motion
+        moving, motion = self.moving, self.moving.motion
         groups = []
         if len(motion.rows):
             ray, box, _ = self._keyed.pairs(
@@ -217,23 +156,45 @@ class PartByPart:
                 if len(rows):
                     yield ray[rows], instance[rows]
 
-    def _caster(self, number: int) -> RayCaster | BentCaster:
+    def meets(
+        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
+    ) -> np.ndarray:
+        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
+        distance = np.full(len(origins), np.inf)
+        rows = np.flatnonzero(hits.found)
+        corners = self.moving.corners(hits.instance[rows], hits.triangle[rows], time[rows])
+        corners -= origins[rows, None]
+        ways = unit_columns(directions[rows].T).T
+        distance[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
+        return distance
+
+    def _caster(self, number: int) -> RayCaster:
         """A caster of the mesh of an instance, in its own frame."""
-        index = int(self._moving.scene.mesh_index[number])
-        mesh, shape = self._moving.scene.meshes[index], self._moving.motion.shapes.get(number)
+        index = int(self.scene.mesh_index[number])
+        mesh, shape = self.scene.meshes[index], self.moving.motion.shapes.get(number)
         key = index if shape is None else -1 - number
         if key not in self._casters:
-            bent = None if shape is None else BentCaster(mesh, shape)
-            self._casters[key] = bent or self._make(self._alone(mesh))
+            alone = _alone(mesh)
+            self._casters[key] = self._make(alone) if shape is None else BentCaster(alone, shape)
         return self._casters[key]
 
-    @staticmethod
-    def _alone(mesh: TriMesh) -> SceneGeometry:
-        one = np.zeros(1, np.int64)
-        return SceneGeometry((mesh,), np.eye(3, 4)[None], one, ("",), one - 1, one - 1)
+
+def exactly(caster: RayCaster, true: SceneGeometry | None = None) -> ExactCaster | MovingCaster:
+    """A caster of the same scene that meets every triangle in float64. true : the scene that is true, as it
+    is read; left out: the caster's own."""
+    moving = caster.moving
+    if moving is None:
+        return ExactCaster(caster.scene if true is None else true)
+    return MovingCaster(moving if true is None else moving.of(true), ExactCaster)
 
 
-class BentCaster:
+def _alone(mesh: TriMesh) -> SceneGeometry:
+    """A scene of one mesh, in its own frame."""
+    one = np.zeros(1, np.int64)
+    return SceneGeometry((mesh,), np.eye(3, 4)[None], one, ("",), one - 1, one - 1)
+
+
+class BentCaster(RayCaster):
     """Closest hits of rays at times of their own at one mesh that changes its shape, in its own frame, in
     float64.
 
@@ -241,22 +202,28 @@ class BentCaster:
     way; of the groups whose boxes a ray meets, each triangle is met where its corners are at the ray's time.
     """
 
-    def __init__(self, mesh: TriMesh, shape: ShapePath) -> None:
-        self._mesh, self._shape = mesh, shape
+    engine = ExactCaster.engine
+
+    def __init__(self, scene: SceneGeometry, shape: ShapePath) -> None:
+        self.scene, self._shape = scene, shape
+        self._mesh = scene.meshes[0]
         self._boxes: dict[int, list[Level]] = {}
 
     def cast(
         self,
         origins: np.ndarray,
         directions: np.ndarray,
-        max_distance: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
         *,
-        min_distance: np.ndarray,
-        time: np.ndarray,
+        min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
-        """The closest hits of rays (R, 3), (R, 3) at times (R,), s, within limits (R,); instances are 0."""
+        """The closest hits of rays at times (R,), s; instances are 0."""
         ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        near, far, time = (
+            np.full(len(ways), given, np.float64) for given in (min_distance, max_distance, time)
+        )
         known = self._shape.time
         row = np.clip(np.searchsorted(known, time, "right") - 1, 0, max(len(known) - 2, 0))
         hits = Hits.misses(len(origins))
@@ -265,13 +232,13 @@ class BentCaster:
             if not len(rows):
                 continue
             boxes = len(self._mesh.triangles), self._levels(int(row[rows[0]]))
-            pair, triangle = candidates(boxes, origins[rows], ways[rows], max_distance[rows])
+            pair, triangle = candidates(boxes, origins[rows], ways[rows], far[rows])
             ray = rows[pair]
             corners = self._shape.at(self._mesh.triangles[triangle], time[ray])
             distance = meet(tuple(corners.swapaxes(0, 1)), origins[ray], ways[ray])
             met = Hits(distance, np.zeros(len(ray), np.int64), triangle)
             left = None if leaving is None else leaving.select(ray)
-            some = counting(met, min_distance[ray], max_distance[ray], left)
+            some = counting(met, near[ray], far[ray], left)
             put_nearest(hits, ray[some], met.select(some))
         return hits
 

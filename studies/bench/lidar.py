@@ -221,8 +221,9 @@ def _moving(engine: type[Search], moving: int, bending: int) -> BenchRow:
         still = engine(scene)
         return BenchRow(lambda: still.cast(origins, ways), many=count)
     motion = _motion(scene, moving, bending)
-    by_embree = embree_motion if engine is EmbreeCaster else None
-    caster = MovingCaster(MovingScene(scene, motion), engine, by_embree)
+    parts = MovingScene(scene, motion)
+    fast = embree_motion(parts) if engine is EmbreeCaster else None
+    caster = fast or MovingCaster(parts, engine)
     return BenchRow(
         lambda: caster.cast(origins, ways, time=time), lambda _: _error(caster, motion), count
     )
@@ -580,7 +581,7 @@ def _largest(engine: str) -> BenchRow:
     return BenchRow(work, told, sum(len(tree.skeleton) for tree in variants))
 
 
-class _Cones:
+class _Cones(RayCaster):
     """A caster of the exact cones; whatever it hits is the one triangle of its scene, which is wood."""
 
     engine = "exact cones"
@@ -597,6 +598,7 @@ class _Cones:
         *,
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
         """The closest hits of rays that start outside of all wood."""
         assert leaving is None
@@ -605,20 +607,6 @@ class _Cones:
         distance[distance > max_distance] = np.inf
         what = np.where(np.isfinite(distance), 0, -1)
         return Hits(distance, what, what)
-
-    def occluded(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> np.ndarray:
-        """Return whether anything is hit."""
-        return self.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
-        ).found
 
 
 FORESTS = list(product(TREES, INSTANCES, COUNTS))

@@ -24,10 +24,10 @@ from forest_addon.spec import Beam, Rays, Surfaces, Terrestrial
 RATE, SPEED = 1.3, 20.0  # rad/s about Z, m/s along X
 SIZE = np.array([2.0, 3.0, 0.5])
 ENGINES = [
-    (lambda scene: make_caster(scene, Rays()), None),
-    (BvhCaster, None),
-    (ExactCaster, None),
-    (EmbreeCaster, embree_motion),
+    lambda moving: MovingCaster(moving, lambda scene: make_caster(scene, Rays())),
+    lambda moving: MovingCaster(moving, BvhCaster),
+    lambda moving: MovingCaster(moving, ExactCaster),
+    embree_motion,
 ]
 
 
@@ -52,14 +52,14 @@ def turning(time):
     return found
 
 
-@pytest.mark.parametrize(("make", "engine"), ENGINES)
-def test_ranges_of_a_turning_plate_are_those_of_the_closed_form(make, engine):
+@pytest.mark.parametrize("make", ENGINES)
+def test_ranges_of_a_turning_plate_are_those_of_the_closed_form(make):
     samples = np.linspace(0, 1, 25)
     path = RigidPath(samples, turning(samples))
     wall = np.eye(3, 4)
     wall[0, 3] = 50.0
     scene = plates([wall, turning(np.zeros(1))[0]])
-    caster = MovingCaster(MovingScene(scene, SceneMotion({1: path})), make, engine)
+    caster = make(MovingScene(scene, SceneMotion({1: path})))
     rng = np.random.default_rng(5)
     time = rng.uniform(0, 1, 4000)
     way = np.column_stack([np.ones(4000), rng.uniform(-0.09, 0.09, (4000, 2))])

@@ -15,8 +15,8 @@ from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.embree_motion import SwayingPieces, embree_motion
 from forest_addon.growth.sway.shape import _nearest
 from forest_addon.sensing.moving import KNOTS, WINDOWS, MovingScene
-from forest_addon.sensing.moving_rays import MovingCaster
-from forest_addon.sensing.rays.exact import ExactCaster
+from forest_addon.sensing.moving_rays import MovingCaster, exactly
+from forest_addon.sensing.rays.exact import ExactCaster, Referee
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.stand.wind import sway_of
 
@@ -129,7 +129,7 @@ def test_a_hit_among_swaying_trees_is_a_function_of_its_ray_and_its_time(monkeyp
     moving = MovingScene(
         world.observer.geometry, sway=sway_of(world.forest, WINDY.wind, WINDY.seed)
     )
-    caster = MovingCaster(moving, ExactCaster, embree_motion)
+    caster = embree_motion(moving)
     rng, count = np.random.default_rng(9), 6000
     way = rng.normal((0.0, 0.0, 0.3), 1.0, (count, 3))
     origin, time = np.tile([0.0, 0.0, 1.5], (count, 1)), np.sort(rng.uniform(0, 0.4, count))
@@ -141,12 +141,12 @@ def test_a_hit_among_swaying_trees_is_a_function_of_its_ray_and_its_time(monkeyp
         for ours, theirs in zip(vars(whole).values(), vars(other).values(), strict=True):
             np.testing.assert_array_equal(ours[rows], theirs)
     monkeypatch.setenv("FOREST_SENSING_KERNELS", "off")
-    plain = MovingCaster(moving, ExactCaster, embree_motion).cast(origin, way, 60.0, time=time)
+    plain = embree_motion(moving).cast(origin, way, 60.0, time=time)
     np.testing.assert_array_equal(plain.instance, whole.instance)
     np.testing.assert_array_equal(plain.triangle, whole.triangle)
     np.testing.assert_allclose(plain.distance, whole.distance, rtol=0, atol=1e-11)
     np.testing.assert_allclose(plain.normal, whole.normal, rtol=0, atol=1e-9)
-    judged = caster.judged().cast(origin, way, 60.0, time=time)
+    judged = Referee(caster, exactly(caster)).cast(origin, way, 60.0, time=time)
     np.testing.assert_array_equal(judged.instance, whole.instance)
     np.testing.assert_array_equal(judged.triangle, whole.triangle)
 
@@ -156,7 +156,7 @@ def test_a_long_scan_keeps_few_windows_of_pieces():
     moving = MovingScene(
         world.observer.geometry, sway=sway_of(world.forest, WINDY.wind, WINDY.seed)
     )
-    caster, rng = MovingCaster(moving, ExactCaster, embree_motion), np.random.default_rng(2)
+    caster, rng = embree_motion(moving), np.random.default_rng(2)
     for start in range(3 * WINDOWS):
         way, time = rng.normal((0.0, 0.0, 0.3), 1.0, (200, 3)), np.full(200, float(start))
         hits = caster.cast(np.tile([0.0, 0.0, 1.5], (200, 1)), way, 60.0, time=time)
@@ -402,15 +402,12 @@ def test_engines_meet_pieces_that_sway_where_they_are():
     time, origin = rng.uniform(0, 2, count), np.zeros((count, 3))
     exact = MovingCaster(moving, ExactCaster).cast(origin, way, time=time)
     assert len(np.unique(exact.instance)) == 5
-    for caster in (
-        MovingCaster(moving, ExactCaster, embree_motion),
-        MovingCaster(moving, BvhCaster),
-    ):
+    for caster in (embree_motion(moving), MovingCaster(moving, BvhCaster)):
         found = caster.cast(origin, way, time=time)
         same = (found.instance == exact.instance) & (found.triangle == exact.triangle)
         assert same.mean() > 0.995  # but for rays that pass an edge within single precision
         assert np.abs(found.distance[same] - exact.distance[same])[exact.found[same]].max() < 1e-9
-        judged = caster.judged().cast(origin, way, time=time)
+        judged = Referee(caster, exactly(caster)).cast(origin, way, time=time)
         assert np.array_equal(judged.instance, found.instance)
         behind = caster.cast(origin, way, time=time, min_distance=found.distance, leaving=found)
         assert (behind.distance >= found.distance).all()

@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from forest_addon.base.trimesh import GROUND, LEAF, OTHER, WOOD, TriMesh, join
-from forest_addon.sensing.rays.caster import Hits, hit_normals
+from forest_addon.sensing.rays.caster import Hits, RayCaster, hit_normals
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
 EDGE = 1e-12  # barycentric slack: a ray aimed at a shared edge meets at least one of its triangles
 PAIRS = 1_000_000  # rays x triangles at a time
 
 
-class BruteCaster:
+class BruteCaster(RayCaster):
     """The ``RayCaster`` protocol over a ``SceneGeometry``; time grows with rays x triangles."""
 
     engine = "brute force"
@@ -35,6 +35,7 @@ class BruteCaster:
         *,
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
         """The closest hit of each ray, by meeting them all."""
         origin = np.asarray(origins, np.float64).reshape(-1, 3)

@@ -20,7 +20,7 @@ from ...base.rows import RowTable
 from ...sensing.rays.boxes import BoxTree
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
-from ...sensing.rays.search import TASK, Search, whole_triangles
+from ...sensing.rays.search import TASK, Search, meet_planes, whole_triangles
 
 BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before a box
 BEFORE_SHARE = 1e-5
@@ -67,8 +67,8 @@ class BvhCaster(Search):
         finally:
             if collecting:
                 gc.enable()
-        distance, normal = self._surfaces.meet(
-            origins.take(ray, 1), directions.take(ray, 1), box, triangle
+        distance, normal = meet_planes(
+            self.scene, origins.take(ray, 1), directions.take(ray, 1), box, triangle
         )
         within = (distance <= limit[ray]).nonzero()[0]
         # Of two at the same distance the first instance counts.
@@ -142,7 +142,7 @@ class BvhCaster(Search):
             turn, last = turn[near], last[near]
             ray, box, triangle = self._only(pairs.select(turn), origins, directions, best)
             rays = origins.take(ray, 1), directions.take(ray, 1)
-            distance, _ = self._surfaces.meet(*rays, box, triangle)
+            distance, _ = meet_planes(self.scene, *rays, box, triangle)
             best[ray] = np.minimum(best[ray], distance)
             rounds.append((ray, box, triangle))
             turn = turn + 1

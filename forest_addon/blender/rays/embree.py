@@ -26,7 +26,7 @@ from ...kernels import CastScene
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
-from ...sensing.rays.search import Search, in_tasks, whole_triangles
+from ...sensing.rays.search import Search, in_tasks, meet_planes, whole_triangles
 
 FOLDERS = ("lib", "blender.shared", ".", "../Frameworks", "../Resources/lib")
 FILES = {"win32": ("embree4*.dll",), "darwin": ("libembree4*.dylib",)}
@@ -228,8 +228,8 @@ class EmbreeSearch(Search):
         named = whole[met][:, [HIT_INSTANCE, HIT_OF_ARRAY, HIT_PRIMITIVE]].astype(np.int64)
         triangle = named[:, 2]
         instance, place, corners = self._found(*named.T, time[rays[met]])
-        distance, normal = self._surfaces.meet(
-            origins[:, met], directions[:, met], instance, triangle, place, corners
+        distance, normal = meet_planes(
+            self.scene, origins[:, met], directions[:, met], instance, triangle, place, corners
         )
         hits = Hits.misses(len(start))
         hits.put(rays[met], Hits(distance, instance, triangle, normal.T))

@@ -20,6 +20,7 @@ import scipy
 
 from ...base.trimesh import TriMesh
 from ...sensing.moving import MovingScene, PieceWindow
+from ...sensing.moving_rays import MovingCaster
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits, unit_columns
 from ...sensing.rays.exact import meet, put_nearest
@@ -65,8 +66,8 @@ def embree_motion(
     return EmbreeMotion(moving, whole, threads, like)
 
 
-class EmbreeMotion:
-    """See ``MotionSearch``. time : (K,) s, even samples that all parts have, or some of them in a row."""
+class EmbreeMotion(MovingCaster):
+    """See ``MovingCaster``. time : (K,) s, even samples that all parts have, or some of them in a row."""
 
     engine = "embree"
 
@@ -80,7 +81,7 @@ class EmbreeMotion:
         scene, motion = moving.scene, moving.motion
         if like and [*map(id, scene.meshes)] != [*map(id, like.moving.scene.meshes)]:
             like = None
-        self.moving = moving
+        self.moving, self.scene = moving, scene
         self.still = still = EmbreeCaster(moving.still, threads, like and like.still)
         # Trees of meshes that move, by their number, and what holds them for all that share them.
         self._trees: dict[int, int] = {} if like is None else like._trees
@@ -100,37 +101,28 @@ class EmbreeMotion:
         self.swept = self._bound()
         self._steps = [self._step_of(n) for n in motion.rows.tolist()]
 
-    def cast(
+    def _met(
         self,
         origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: np.ndarray,
-        *,
+        ways: np.ndarray,
+        near: np.ndarray,
+        far: np.ndarray,
         time: np.ndarray,
-        min_distance: np.ndarray,
-        leaving: Hits | None = None,
-    ) -> Hits:
-        """The closest hits; see ``MotionSearch``."""
-        hits = self.still.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
-        )
-        far = np.fmin(max_distance, hits.distance)
-        begin = np.maximum(min_distance, 0.0)
-        ways = unit_columns(np.asarray(directions).T).T
-        sound = np.isfinite(origins.sum(axis=1) + ways.sum(axis=1)) & (begin <= far)
-        rays = origins, ways, begin, far, time, np.flatnonzero(sound)
-        for rows, search in self._searches(*rays):
-            met = search.cast(
-                origins[rows],
-                directions[rows],
-                far[rows],
-                min_distance=min_distance[rows],
-                leaving=None if leaving is None else leaving.select(rows),
-                time=time[rows],
+        sound: np.ndarray,
+        leaving: Hits | None,
+    ) -> Iterator[tuple[np.ndarray, Hits]]:
+        for rows, search in self._searches(origins, ways, near, far, time, sound):
+            yield (
+                rows,
+                search.cast(
+                    origins[rows],
+                    ways[rows],
+                    far[rows],
+                    min_distance=near[rows],
+                    leaving=None if leaving is None else leaving.select(rows),
+                    time=time[rows],
+                ),
             )
-            nearer = np.flatnonzero(met.distance < hits.distance[rows])
-            hits.put(rows[nearer], met.select(nearer))
-        return hits
 
     def _searches(
         self,

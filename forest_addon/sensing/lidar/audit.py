@@ -108,7 +108,8 @@ def parts_of_drive(
 ) -> list[AuditPart]:
     """Parts of a tractor's scan, as ``parts_of_scan``."""
     true = caster.scene if scene is None else scene
-    exact, float64, returns = Referee(caster, true), ExactCaster(true), found.returns
+    float64, returns = ExactCaster(true), found.returns
+    exact = Referee(caster, float64)
     wanted = ALLOWED + _rounding(true)
     met = np.isfinite(returns.distance)
 
@@ -124,7 +125,7 @@ def parts_of_drive(
             nearest = again.cast(*rays, tractor.max_range).distance.reshape(len(beam), -1)
             some, nearest = returns.select(beam), nearest.min(axis=1)
             ours = some.select(np.repeat(np.arange(len(beam)), len(rays[0]) // len(beam)))
-            there = float64.meets(*rays, _named(true, ours), exact.edge)
+            there = float64.meets(*rays, _named(true, ours), edge=exact.edge)
             at_it = shares(there, ours.distance, 1.0) <= exact.edge
             cosine = np.abs(cosines(ours.normal, rays[1]) - ours.cos_incidence)
             cosine = np.where(at_it, cosine, np.inf).reshape(len(beam), -1).min(axis=1)
@@ -225,7 +226,8 @@ def _again(exact: Scan, again: Scan, cloud: Cloud, number: np.ndarray, wanted: f
     ours, theirs = cloud.select(begin[pulse] + within), there.select(first[pulse] + within)
     apart = _between(ours, theirs)
     bad = np.unique(pulse[(apart > [[wanted], [OF_VALUE]]).any(axis=0)])[:EXCUSES]
-    if len(bad) and isinstance(exact.caster, Referee) and not exact.specular:
+    still = isinstance(exact.caster, Referee) and exact.caster.moving is None
+    if len(bad) and still and not exact.specular:
         rows = np.flatnonzero(np.isin(pulse, bad))
         beam = np.searchsorted(bad, pulse[rows])
         right = _lie_on_each_other(exact, number[bad], beam, ours.select(rows), theirs.select(rows))

@@ -8,7 +8,6 @@ sends back τ²ⁿ. The first is unbiased with one ray a leaf, the second needs 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -59,16 +58,15 @@ def meet(
     max_distance: float,
     surfaces: Surfaces,
     keys: np.ndarray,
-    time: np.ndarray | None = None,
+    time: np.ndarray,
 ) -> Contacts:
     """Follow rays (R, 3), (R, 3) until their light is spent or they leave the scene.
 
-    keys : (R,) uint64 keys of the rays, for chances. time : (R,) s, for a caster of a scene that moves.
+    keys : (R,) uint64 keys of the rays, for chances. time : (R,) s, of the rays.
     """
     ray = np.arange(len(origins))
     light = np.ones(len(origins))
-    when: dict[str, Any] = {} if time is None else {"time": time}
-    hits = caster.cast(origins, directions, max_distance, **when)
+    hits = caster.cast(origins, directions, max_distance, time=time)
     if not surfaces.leaf_transmittance:
         return Contacts(ray, hits, organs(caster.scene, hits), light)
     contacts: list[Contacts] = []
@@ -87,7 +85,7 @@ def meet(
             max_distance,
             min_distance=behind.distance,
             leaving=behind,
-            **{name: every[ray] for name, every in when.items()},
+            time=time[ray],
         )
     return Contacts.joined(contacts)
 

@@ -23,7 +23,7 @@ from ...base.rng import child_keys, first_key
 from ...base.rows import distinct
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
-from ..moving_rays import MovingCaster
+from ..moving_rays import exactly
 from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.exact import Referee
 from ..rays.geometry import SceneGeometry
@@ -94,8 +94,7 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
-        self._moving = caster.moving if isinstance(caster, MovingCaster) else None
-        self._halo = None if self._moving else Halo.of(scanner, caster.scene)
+        self._halo = None if caster.moving else Halo.of(scanner, caster.scene)
         self.specular = SpecularScene.of(caster.scene, scanner)
         self._unfollowed = 0
         self._subrays, self._sigma = scanner.beam.subrays, pulse_length(scanner.beam.pulse_ns)
@@ -123,13 +122,11 @@ class Scan:
         """The same scan by another caster of the same scene."""
         other = copy(self)
         other.caster = caster
-        other._moving = caster.moving if isinstance(caster, MovingCaster) else None
         return other
 
     def exactly(self, true: SceneGeometry | None = None) -> Scan:
         """The same scan with every ray held against float64. true : the scene that is; left out: its own."""
-        moving = isinstance(self.caster, MovingCaster)
-        return self.seen_by(self.caster.judged(true) if moving else Referee(self.caster, true))
+        return self.seen_by(Referee(self.caster, exactly(self.caster, true)))
 
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""
@@ -160,7 +157,7 @@ class Scan:
 
     def _direct(self, pulses: Pulses, keys: np.ndarray) -> Received:
         rays, count = self._rays(pulses, keys), self._subrays
-        when = None if self._moving is None else np.repeat(pulses.time, count)
+        when = np.repeat(pulses.time, count)
         of_rays = np.repeat(keys, count)
         if count > 1 and self._by_chance:
             of_rays = child_keys(of_rays, np.tile(np.arange(count), len(keys)))
@@ -171,9 +168,9 @@ class Scan:
         return spread(pulses, self.scanner.beam, keys)
 
     def _met(
-        self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
+        self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray
     ) -> Contacts:
-        """Contacts of rays from origins in directions, at times where the scene moves."""
+        """Contacts of rays from origins in directions, at times."""
         limits = self.scanner.max_range, self.scanner.surfaces
         if self.specular is None:
             return meet(self.caster, *rays, *limits, keys, at)
@@ -313,11 +310,12 @@ class Scan:
             travelled = travelled + period * np.round((received.hits.distance - travelled) / period)
         way = pulses.direction[echoes.pulse]
         velocity = rest = None
-        if self._moving is not None:
+        moving = self.caster.moving
+        if moving is not None:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * received.way
             which = labelled.instance, labelled.triangle
-            velocity, rest = self._moving.velocities(met, *which, pulses.time[echoes.pulse])
-            instance, triangle = self._moving.known(*which)
+            velocity, rest = moving.velocities(met, *which, pulses.time[echoes.pulse])
+            instance, triangle = moving.known(*which)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
             position=self.placed(pulses.select(echoes.pulse), measured),

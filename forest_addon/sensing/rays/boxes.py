@@ -4,8 +4,7 @@ The boxes, in the order of their centres along a Morton curve, are the leaves of
 ``WIDTH`` children a node; a level is two arrays. A block of rays meets the whole top level at once, then
 each pair of a ray and a node it meets is replaced by those with the node's children: the front of a
 breadth-first walk. This happens in float32 about the scene's centre, with boxes that are larger by
-more than float32 can be wrong, so that rounding never loses one. Boxes half as large as the scene (a
-ground) would spoil the tree and are met one by one.
+more than float32 can be wrong, so that rounding never loses one.
 """
 
 from __future__ import annotations
@@ -33,13 +32,9 @@ class BoxTree:
         size = float((self._high - self._low).max()) if len(known) else 0.0
         self._slack = 4e-7 * size + 1e-7
         low, high = low - self._centre - self._slack, high - self._centre + self._slack
-        wide = (high - low).max(axis=1, initial=0.0) > 0.5 * size
-        wide &= len(known) > TOP
-        self._wide = [(known[i], (low[i], high[i])) for i in np.flatnonzero(wide)]
-        small = np.flatnonzero(~wide)
-        small = small[np.argsort(morton(low[small] + high[small]), kind="stable")]
-        self._number = known[small]
-        self._levels = _levels(low[small].T, high[small].T)
+        order = np.argsort(morton(low + high), kind="stable")
+        self._number = known[order]
+        self._levels = _levels(low[order].T, high[order].T)
 
     def pairs(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
@@ -74,12 +69,6 @@ class BoxTree:
 
     def _meet(self, origin: np.ndarray, slope: np.ndarray, limit: np.ndarray) -> Pairs:
         """Pairs of a block of rays (3, R), float32 about the centre, in no order."""
-        pairs = []
-        for number, box in self._wide:
-            entry, leave = slabs(origin, slope, box)
-            rays = np.flatnonzero(_meets(entry, leave, limit))
-            pairs.append((rays, np.full(len(rays), number), entry[rays]))
-
         low, high = self._levels[0]
         top = (low[:, None], high[:, None])
         entry, leave = slabs(origin[:, :, None], slope[:, :, None], top)
@@ -96,11 +85,7 @@ class BoxTree:
             pair, child = meets // WIDTH, meets % WIDTH
             entry = entry.ravel().take(meets)
             ray, node = ray.take(pair), node.take(pair) * WIDTH + child
-        pairs.append((ray, self._number[node], entry))
-        if len(pairs) == 1:
-            return pairs[0]
-        ray, instance, entry = (np.concatenate(part) for part in zip(*pairs, strict=True))
-        return ray, instance, entry
+        return ray, self._number[node], entry
 
 
 def clip(

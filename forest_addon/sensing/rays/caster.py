@@ -8,12 +8,15 @@ find becomes exact.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ...base.rows import RowTable
 from .geometry import SceneGeometry
+
+if TYPE_CHECKING:
+    from ..moving import MovingScene
 
 ROWS = 8192  # hits at a time: what is in work stays in the cache
 SHORT, LONG = 1e-200, 1e200  # squared lengths that can be taken as they are
@@ -70,10 +73,13 @@ class RayCaster(Protocol):
 
     An engine that searches in float32 may pass over a surface that lies less than about 1e-4 m behind the
     one it leaves.
+
+    Each ray has a time, s, at which it meets the scene, if that moves (``moving``): a number or (R,).
     """
 
     engine: str
     scene: SceneGeometry
+    moving: MovingScene | None = None
 
     def cast(
         self,
@@ -83,6 +89,7 @@ class RayCaster(Protocol):
         *,
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
         """The closest hit of each ray."""
         ...

@@ -41,6 +41,7 @@ class ExactCaster(RayCaster):
         *,
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
         """The closest hits of rays (R, 3), (R, 3)."""
         count = len(origins)
@@ -57,7 +58,12 @@ class ExactCaster(RayCaster):
         return replace(hits, normal=hit_normals(self.scene, replace(hits, normal=None)))
 
     def meets(
-        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, edge: float = 0.0
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        hits: Hits,
+        time: float | np.ndarray = 0.0,
+        edge: float = 0.0,
     ) -> np.ndarray:
         """(R,) metres along rays to the triangles that hits name; inf where one passes it by, more
         than ``edge``, m."""
@@ -120,9 +126,14 @@ def counting(hits: Hits, near: np.ndarray, far: np.ndarray, left: Hits | None) -
 
 def put_nearest(hits: Hits, ray: np.ndarray, met: Hits) -> None:
     """Write the nearest of what rays (M,) met."""
-    order = np.lexsort((met.distance, ray))
-    order = order[np.diff(ray[order], prepend=-1) != 0]
+    order = nearest_of_rays(ray, met.distance)
     hits.put(ray[order], met.select(order))
+
+
+def nearest_of_rays(ray: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Rows of the smallest of distances (M,) on each of rays (M,), ray by ray."""
+    order = np.lexsort((distance, ray))
+    return order[np.diff(ray[order], prepend=-1) != 0]
 
 
 def candidates(
@@ -245,21 +256,19 @@ class Referee(RayCaster):
     """A ``RayCaster`` that asks an engine and float64: what the engine found where that is right, else what
     is there.
 
-    scene : that is true; left out: the engine's own. exact : what asks float64; left out: rays at the scene
-    as it stands. Both are told the rays' times, where these have any. edge : metres within which single
-    precision does not tell which of two surfaces is first.
+    exact : what asks float64, of the scene that is true (``moving_rays.exactly``); left out: rays at the
+    engine's own as it stands. edge : metres within which single precision does not tell which of two surfaces
+    is first.
     """
 
     engine = "float64"
 
-    def __init__(
-        self, caster: Any, scene: SceneGeometry | None = None, exact: Any | None = None
-    ) -> None:
-        self.scene = caster.scene if scene is None else scene
+    def __init__(self, caster: RayCaster, exact: Any | None = None) -> None:
         self._caster = caster
+        self.exact: Any = ExactCaster(caster.scene) if exact is None else exact
+        self.scene, self.moving = self.exact.scene, self.exact.moving
         step = float(np.spacing(np.float32(_half_size(self.scene))))
         self.edge = max(ASIDE, STEPS * step)
-        self.exact: Any = ExactCaster(self.scene) if exact is None else exact
 
     def cast(
         self,
@@ -269,24 +278,15 @@ class Referee(RayCaster):
         *,
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
-        time: np.ndarray | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
         """The closest hit of each ray."""
         origins, directions = np.asarray(origins), np.asarray(directions)
-        when = {} if time is None else {"time": time}
-
-        def at(rows: np.ndarray) -> dict[str, np.ndarray]:
-            return {name: every[rows] for name, every in when.items()}
-
-        far = np.broadcast_to(np.asarray(max_distance, np.float64), len(origins))
-        near = np.broadcast_to(np.asarray(min_distance, np.float64), len(origins))
+        near, far, when = (
+            np.full(len(origins), given, np.float64) for given in (min_distance, max_distance, time)
+        )
         ours = self._caster.cast(
-            origins,
-            directions,
-            max_distance,
-            min_distance=min_distance,
-            leaving=leaving,
-            **when,
+            origins, directions, far, min_distance=near, leaving=leaving, time=when
         )
         nothing = ~np.isfinite(ours.distance)
         if (nothing & ours.found).any():
@@ -294,7 +294,7 @@ class Referee(RayCaster):
             ours.put(nothing, Hits.misses(int(nothing.sum())))
         limit = np.where(ours.found, np.minimum(ours.distance + SAME, far), far)
         exact = self.exact.cast(
-            origins, directions, limit, min_distance=near, leaving=leaving, **when
+            origins, directions, limit, min_distance=near, leaving=leaving, time=when
         )
         gone = np.flatnonzero(ours.found & ~exact.found)
         if len(gone):
@@ -305,7 +305,7 @@ class Referee(RayCaster):
                 far[gone],
                 min_distance=near[gone],
                 leaving=left,
-                **at(gone),
+                time=when[gone],
             )
             exact.put(gone, again)
         differ, distance = self._compare(origins, directions, ours, exact, when)
@@ -315,7 +315,7 @@ class Referee(RayCaster):
         ask = ~alike | (named.instance != there.instance) | (named.triangle != there.triangle)
         rows = wrong[ask]
         rays = origins[rows], directions[rows], named.select(ask), far[rows], alike[ask]
-        excused = self._at_an_edge(*rays, at(rows))
+        excused = self._at_an_edge(*rays, when[rows])
         wrong = np.delete(wrong, np.flatnonzero(ask)[excused])
         if leaving is not None and len(wrong):
             blind = self.exact.cast(
@@ -323,7 +323,7 @@ class Referee(RayCaster):
                 directions[wrong],
                 far[wrong],
                 min_distance=near[wrong] + BEHIND,
-                **at(wrong),
+                time=when[wrong],
             )
             wrong = wrong[~_alike(blind, ours.select(wrong))]
         right = replace(ours.select(np.arange(len(distance))), distance=distance)
@@ -336,7 +336,7 @@ class Referee(RayCaster):
         directions: np.ndarray,
         ours: Hits,
         exact: Hits,
-        when: dict[str, np.ndarray],
+        when: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """(R,) bool: rays for which what the engine named is not there, or not the first; (R,) metres to
         what it named.
@@ -352,12 +352,7 @@ class Referee(RayCaster):
         distance[same] = exact.distance[same]
         ask = both[~named & (apart <= ASIDE)]
         if len(ask):
-            there = self.exact.meets(
-                origins[ask],
-                directions[ask],
-                ours.select(ask),
-                **{name: every[ask] for name, every in when.items()},
-            )
+            there = self.exact.meets(origins[ask], directions[ask], ours.select(ask), when[ask])
             right = np.abs(there - ours.distance[ask]) <= SURE
             differ[ask], distance[ask[right]] = ~right, there[right]
         return differ, distance
@@ -369,7 +364,7 @@ class Referee(RayCaster):
         ours: Hits,
         far: np.ndarray,
         by_name: np.ndarray,
-        when: dict[str, np.ndarray],
+        when: np.ndarray,
     ) -> np.ndarray:
         """(R,) bool: whether a ray that is moved aside a little finds, in float64, what the engine found.
 
@@ -387,7 +382,7 @@ class Referee(RayCaster):
             (origins + self.edge * aside).reshape(-1, 3),
             np.tile(ways, (count, 1)),
             np.tile(far, count),
-            **{name: np.tile(every, count) for name, every in when.items()},
+            time=np.tile(when, count),
         )
         ours = ours.select(np.tile(np.arange(len(origins)), count))
         alike = _alike(moved, ours)

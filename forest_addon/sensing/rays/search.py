@@ -32,7 +32,6 @@ class Search(RayCaster, ABC):
 
     engine: str
     task = TASK  # rays at a time
-    _surfaces: RefinedSurfaces
 
     def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
         self.scene = scene
@@ -40,7 +39,6 @@ class Search(RayCaster, ABC):
         # Which mesh of the other search's scene each mesh is, of those that are in both.
         known = {} if like is None else {id(mesh): n for n, mesh in enumerate(like.scene.meshes)}
         self._same = {n: known[id(m)] for n, m in enumerate(scene.meshes) if id(m) in known}
-        self._surfaces = RefinedSurfaces(scene)
 
     @abstractmethod
     def _nearest(
@@ -163,7 +161,7 @@ def in_tasks(task: Callable[[slice], None], count: int, threads: int, size: int 
 
 # The float64 distance of a hit: where both engines become exact.
 #
-# An engine says in float32 which triangle of which instance a ray meets. ``RefinedSurfaces.meet``
+# An engine says in float32 which triangle of which instance a ray meets. ``meet_planes``
 # intersects the ray with that triangle's plane again, in float64, with the world's axes but from the ray's
 # origin: that takes the error from 1e-5 m to 1e-13 m, near the world's origin and at UTM coordinates alike.
 
@@ -171,46 +169,40 @@ def in_tasks(task: Callable[[slice], None], count: int, threads: int, size: int 
 FLAT = 4.0  # steps of a float32 at a triangle's coordinates
 
 
-class RefinedSurfaces:
-    """The planes of all triangles of a scene."""
+def meet_planes(
+    scene: SceneGeometry,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    instance: np.ndarray,
+    triangle: np.ndarray,
+    transform: np.ndarray | None = None,
+    corners: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(R,) metres along rays (3, R) with unit directions to the planes of triangles (R,) of instances (R,) of
+    a scene, and the unit normals (3, R) of these.
 
-    def __init__(self, scene: SceneGeometry) -> None:
-        self._scene = scene
+    transform : (R, 3, 4) of the instances, where they are then; left out: where the scene says.
+    corners : (R, 3, 3) of the triangles in their own frames; left out: of their meshes.
 
-    def meet(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        instance: np.ndarray,
-        triangle: np.ndarray,
-        transform: np.ndarray | None = None,
-        corners: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(R,) metres along rays (3, R) with unit directions to the planes of their triangles (R,), and the
-        unit normals (3, R) of these.
-
-        transform : (R, 3, 4) of the instances, where they are then; left out: where the scene says.
-        corners : (R, 3, 3) of the triangles in their own frames; left out: of their meshes.
-
-        A ray that float32 found to hit and that passes just beside the triangle may meet its plane
-        far away, or never: the distance is kept within that of the triangle's corners.
-        """
-        if transform is None:
-            transform = self._scene.transform[instance]
-        m = transform.reshape(-1, 3, 4, 1).transpose(1, 2, 3, 0)  # to, from, 1, R
-        if corners is None:
-            corners = self._scene.corners(instance, triangle)
-        corner = np.ascontiguousarray(corners.transpose(2, 1, 0))  # (of space, of triangle, R)
-        space = m[:, 0] * corner[0] + m[:, 1] * corner[1] + m[:, 2] * corner[2]
-        u, v = space[:, 1] - space[:, 0], space[:, 2] - space[:, 0]
-        normal = u[[1, 2, 0]] * v[[2, 0, 1]] - u[[2, 0, 1]] * v[[1, 2, 0]]
-        foot = m[:, 3, 0] - origins + space[:, 0]
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            t = _dot(foot, normal) / _dot(directions, normal)
-            normal /= np.sqrt(_dot(normal, normal))
-        at, second, third = (_dot(way, directions) for way in (foot, u, v))
-        t = np.fmax(t, at + np.minimum(np.minimum(second, third), 0.0))
-        return np.fmin(t, at + np.maximum(np.maximum(second, third), 0.0)), normal
+    A ray that float32 found to hit and that passes just beside the triangle may meet its plane
+    far away, or never: the distance is kept within that of the triangle's corners.
+    """
+    if transform is None:
+        transform = scene.transform[instance]
+    m = transform.reshape(-1, 3, 4, 1).transpose(1, 2, 3, 0)  # to, from, 1, R
+    if corners is None:
+        corners = scene.corners(instance, triangle)
+    corner = np.ascontiguousarray(corners.transpose(2, 1, 0))  # (of space, of triangle, R)
+    space = m[:, 0] * corner[0] + m[:, 1] * corner[1] + m[:, 2] * corner[2]
+    u, v = space[:, 1] - space[:, 0], space[:, 2] - space[:, 0]
+    normal = u[[1, 2, 0]] * v[[2, 0, 1]] - u[[2, 0, 1]] * v[[1, 2, 0]]
+    foot = m[:, 3, 0] - origins + space[:, 0]
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        t = _dot(foot, normal) / _dot(directions, normal)
+        normal /= np.sqrt(_dot(normal, normal))
+    at, second, third = (_dot(way, directions) for way in (foot, u, v))
+    t = np.fmax(t, at + np.minimum(np.minimum(second, third), 0.0))
+    return np.fmin(t, at + np.maximum(np.maximum(second, third), 0.0)), normal
 
 
 def whole_triangles(mesh: TriMesh) -> np.ndarray:

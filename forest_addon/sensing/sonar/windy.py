@@ -304,13 +304,13 @@ class AtMoment(RayCaster):
         *,
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: float | np.ndarray = 0.0,
     ) -> Hits:
-        """The closest hit of each ray, which leaves from nothing that it met before."""
+        """The closest hit of each ray, which leaves from nothing that it met before; time : s later."""
         if leaving is not None:
             raise ValueError("rays at one moment begin anew; give no hits that they leave")
-        time = np.full(len(origins), self._time)
         hits = self._caster.cast(
-            origins, directions, max_distance, time=time, min_distance=min_distance
+            origins, directions, max_distance, time=self._time + time, min_distance=min_distance
         )
         instance, triangle = self._caster.moving.known(hits.instance, hits.triangle)
         return replace(hits, instance=instance, triangle=triangle)

@@ -139,7 +139,7 @@ class SurveyScan(Scan):
         return rays_at(beams, self._rings)
 
     def _met(
-        self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
+        self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray
     ) -> Contacts:
         contacts = super()._met(rays, keys, at)
         for number, haze in enumerate(self._hazes):
