@@ -8,15 +8,12 @@ find becomes exact.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ...base.rows import RowTable
 from .geometry import SceneGeometry
-
-if TYPE_CHECKING:
-    from ..moving import MovingScene
 
 ROWS = 8192  # hits at a time: what is in work stays in the cache
 SHORT, LONG = 1e-200, 1e200  # squared lengths that can be taken as they are
@@ -74,12 +71,13 @@ class RayCaster(Protocol):
     An engine that searches in float32 may pass over a surface that lies less than about 1e-4 m behind the
     one it leaves.
 
-    Each ray has a time, s, at which it meets the scene, if that moves (``moving``): a number or (R,).
+    Each ray has a time, s, at which it meets the scene, if that moves: a number or (R,). ``moving`` is a
+    ``MovingScene`` then.
     """
 
     engine: str
     scene: SceneGeometry
-    moving: MovingScene | None = None
+    moving: Any = None
 
     def cast(
         self,
