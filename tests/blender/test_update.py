@@ -15,6 +15,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
+from forest_addon.base.trimesh import GROUND
 from forest_addon.blender.read.depsgraph import SPECIES_KEY, TREE_KEY
 from forest_addon.blender.scene import assets, forest as room, materials, nodes
 from forest_addon.blender.scene.forest import build
@@ -26,10 +27,11 @@ from forest_addon.blender.scene.layout import (
     PARTS,
     TREES,
     VARIANTS,
+    is_ours,
     part,
     root,
 )
-from forest_addon.blender.scene.placing import KeptStanding
+from forest_addon.blender.scene.placing import KeptStanding, fingerprint
 from forest_addon.growth.library import load_species
 from forest_addon.stand.forest import grow_forest
 
@@ -203,6 +205,7 @@ def test_what_stands_for_the_same_is_the_same_block(empty_blender, how):
     assert ids(bpy.data.collections) == homes
     assert ids(bpy.data.materials) == coats
     assert ids(bpy.data.node_groups) == groups
+    assert all(is_ours(obj) for obj in bpy.data.objects)
     now = ids(bpy.data.objects)
     assert {name: now[name] for name in things if name in now} == {
         name: uid for name, uid in things.items() if name in now
@@ -301,6 +304,55 @@ def test_parts_are_found_where_the_user_put_them(empty_blender):
     assert counts() == before
     assert [home.name for home in mine.children] == ["Ground", "Forest"]
     assert list(bpy.context.scene.collection.children) == [mine]
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(("name", "how"), alternately(PARTS))
+def test_what_others_put_into_our_collections_stays_there(empty_blender, how, name):
+    plant(how)
+    home = part(bpy.context.scene, name)
+    mine = rock(home)
+    for seed in (1, 2):
+        plant(how, seed=seed)
+        assert mine.name == "rock"
+        assert list(mine.users_collection) == [home] == [part(bpy.context.scene, name)]
+
+
+def rock(home):
+    obj = bpy.data.objects.new("rock", bpy.data.meshes.new("rock"))
+    home.objects.link(obj)
+    return obj
+
+
+def test_what_stands_beside_the_parts_or_in_a_species_stays(empty_blender):
+    plant()
+    top, trees = root(bpy.context.scene), part(bpy.context.scene, TREES)
+    beside, among = rock(top), rock(trees.children[0])
+    plant("points")
+    assert list(beside.users_collection) == [top]
+    assert list(among.users_collection) == [trees]  # a species has no collection then
+
+
+def test_copies_belong_to_the_user_and_a_renamed_tree_is_still_the_tree(empty_blender):
+    plant()
+    tree, renamed = list(ours(TREES).values())[:2]
+    copy = tree.copy()
+    tree.users_collection[0].objects.link(copy)
+    renamed.name, data = "the old oak", renamed.data
+    plant()
+    kept = ours(TREES)
+    assert {copy.name, "the old oak"} <= set(kept)
+    assert kept["the old oak"].data == data
+    assert len(kept) == 9 + 1  # none stands where the renamed one does
+
+
+def test_a_tree_that_is_needed_no_more_stays_in_a_collection_of_the_users(empty_blender):
+    plant()
+    own, chosen = collection("Chosen"), first(TREES)
+    own.objects.link(chosen)
+    plant("points")
+    assert list(own.objects) == [chosen]
+    assert list(chosen.users_collection) == [own]
 
 
 @pytest.mark.medium
@@ -683,6 +735,15 @@ def test_an_update_that_fails_changes_nothing(empty_blender, how, where, monkeyp
     assert everything() == before
 
 
+def test_a_tree_that_cannot_stand_leaves_the_scene_as_it_was(empty_blender):
+    rock(bpy.context.scene.collection)
+    before, forest = counts(), grown(1, 9, ("apple-stochastic",), None)
+    spoilt = replace(forest, stand=replace(forest.stand, scale=-forest.stand.scale))
+    with pytest.raises(ValueError, match="size factor"):
+        build(bpy.context.scene, settings(1, 9, "points"), spoilt)
+    assert counts() == before
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 def test_undo_and_redo_restore_exactly(empty_blender, how):
@@ -864,3 +925,60 @@ def test_a_forest_of_an_older_version_is_replaced(empty_blender):
     assert [home.name[:16] for home in part(bpy.context.scene, TREES).children] == [
         "apple-stochastic"
     ]
+
+
+# --------------------------------------------------------------------------------------------- ready
+# What is made ahead of a build is what the build would make, and nothing is made of what stands already.
+
+
+def library(scene):
+    """Shape, custom properties and picture of every variant, and the corners of its stand-in."""
+    found = []
+    for obj in part(scene, VARIANTS).objects:
+        data, picture = obj.data, np.empty(4 * assets.PIXELS**2, np.float32)
+        obj.preview.image_pixels_float.foreach_get(picture)
+        said = {key: value for key, value in data.items() if key.endswith(("_m", "_m2", "_m3"))}
+        found.append((data["forest_shape"], said, picture.tobytes()))
+    corners = [[tuple(v.co) for v in t.data.vertices] for t in part(scene, OUTLINES).objects]
+    return found, corners
+
+
+@pytest.mark.slow
+def test_a_build_of_what_was_made_ahead_is_the_same(empty_blender, monkeypatch):
+    plain, other = bpy.context.scene, bpy.data.scenes.new("other")
+    forest, heard = plant("points"), []
+    made = room.make_ready(forest, (), True, lambda done, total: heard.append((done, total)))
+    assert heard == [(number, len(forest.variants)) for number in range(len(forest.variants))]
+    again = []  # fingerprints are taken of the ground alone
+    monkeypatch.setattr(room, "stand_in", lambda *_: pytest.fail("made twice"))
+    monkeypatch.setattr(room, "fingerprint", lambda mesh: again.append(mesh) or fingerprint(mesh))
+    build(other, settings(1, 9, "points"), forest, ready=made)
+    assert [set(mesh.part) for mesh in again] == [{GROUND}]
+    assert library(other) == library(plain)
+    monkeypatch.undo()
+    anew = grown(4, 9, ("apple-stochastic",), None)
+    assert not room.make_ready(anew, room.shapes_in(plain), False, lambda *_: None).stand_ins
+
+
+@pytest.mark.slow
+def test_measures_and_pictures_can_follow_once_the_forest_stands(empty_blender):
+    """As a window does it: nothing of the forest before is told of the new one meanwhile."""
+    later, at_once = bpy.context.scene, bpy.data.scenes.new("at once")
+    forest, anew = plant("points"), plant("points", seed=4, scene=at_once)
+    assert assets.untold(later, forest) == []
+    build(later, settings(4, 9, "points"), anew, as_assets=False)
+    wanted = assets.untold(later, anew)
+    assert set(wanted) == set(anew.variants)
+    assert not any("height_m" in obj.data for obj in ours(VARIANTS).values())
+    assets.tell_variants(later, anew, room.tell_of(anew, wanted[:1]))  # cancelled half way
+    assert assets.untold(later, anew) == wanted[1:]
+    told_first, second = part(later, VARIANTS).objects[:2]
+    second.asset_clear()
+    assets.tell_variants(later, anew, room.tell_of(anew, wanted[1:]))
+    assert assets.untold(later, anew) == []
+    assert second.asset_data is None  # the user's choice
+    second.asset_mark()
+    _, sentence, picture = room.tell_of(anew, wanted)[wanted[1]]
+    assets.mark_asset(second, sentence, ("tree", anew.labels[0]), picture)
+    assert library(later) == library(at_once)
+    assert told_first.data["height_m"] == pytest.approx(anew.variants[wanted[0]].height)
