@@ -37,6 +37,7 @@ from forest_addon.spec import Grammar, Look, Rays, SpecError, Species
 bpy = pytest.importorskip("bpy")
 
 from references.rays import BruteCaster, ground, scene_with, wall
+from references.scenes import add_collection, link, reopened
 from scipy.io import wavfile
 
 from forest_addon.blender.scene.layout import COLOUR_BY, COLOUR_MAP, SHARE
@@ -211,8 +212,7 @@ def test_new_points_come_into_the_object_that_is_there(empty_blender, cloud):
     follower = bpy.data.objects.new("follower", obj.data)  # shares the points
     follower.constraints.new("COPY_LOCATION").target = obj
     home.objects.link(follower)
-    own = bpy.data.collections.new("mine")
-    home.children.link(own)
+    own = add_collection("mine", home)
     own.objects.link(obj)
     home.objects.unlink(obj)
 
@@ -256,7 +256,7 @@ def shaded_wall(empty_blender):
     paint = bpy.data.materials.new("red")
     paint.diffuse_color = (0.5, 0.02, 0.02, 1.0)
     data.materials.append(paint)
-    scene.collection.objects.link(bpy.data.objects.new("wall", data))
+    link("wall", data)
     camera, sun = scene.camera, scene.objects[SUN]
     camera.location, camera.rotation_euler = (0, -10, 2), (np.pi / 2, 0, 0)
     sun.rotation_euler = (np.pi / 4, 0, 0)  # 45 degrees high, in the south
@@ -429,8 +429,7 @@ def test_a_speaker_plays_what_is_packed(empty_blender, tmp_path):
     assert [strip.type for strip in track.strips] == ["SOUND"]
     assert (speaker.data.sound, sound.name, tuple(speaker.location)) == (sound, "reverb", (1, 2, 3))
 
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "heard.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "heard.blend"))
+    reopened(tmp_path / "heard.blend")
     packed = bpy.data.objects["reverb"].data.sound.packed_file.data
     (tmp_path / "heard.wav").write_bytes(packed)
     rate, heard = wavfile.read(tmp_path / "heard.wav")

@@ -14,6 +14,8 @@ from forest_addon.spec import Grammar, Species
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_collection, link, reopened
+
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.read import depsgraph
@@ -41,8 +43,7 @@ def quad(x, part, leaf=-1):
 
 
 def add(mesh, name="thing", **keys):
-    obj = bpy.data.objects.new(name, to_mesh(name, mesh))
-    bpy.context.scene.collection.objects.link(obj)
+    obj = link(name, to_mesh(name, mesh))
     for key, value in keys.items():
         obj[key] = value
     return obj
@@ -120,9 +121,8 @@ def test_a_bend_changes_distances_and_leaf_normals(empty_blender):
 def test_instances_share_one_mesh_and_carry_their_tree(empty_blender):
     first = add(quad(0, LEAF, 0), "a", **{TREE_KEY: 4, SPECIES_KEY: 1})
     for number in (5, 6):
-        twin = bpy.data.objects.new("b", first.data)
+        twin = link("b", first.data)
         twin.location.x, twin[TREE_KEY], twin[SPECIES_KEY] = number, number, 0
-        bpy.context.scene.collection.objects.link(twin)
     scene = read()
     assert len(scene.meshes) == 1
     assert sorted(scene.tree.tolist()) == [4, 5, 6]
@@ -136,10 +136,9 @@ def test_collection_instances_are_seen_where_they_stand(empty_blender):
     library = bpy.data.collections.new("library")
     library.objects.link(bpy.data.objects.new("leaf", to_mesh("leaf", quad(0, LEAF, 0))))
     for x in (0.0, 3.0):
-        holder = bpy.data.objects.new("tree", None)
+        holder = link("tree")
         holder.instance_type, holder.instance_collection = "COLLECTION", library
         holder.location, holder[TREE_KEY] = (x, 0, 0), int(x)
-        bpy.context.scene.collection.objects.link(holder)
     scene = read()
     assert len(scene.meshes) == 1
     assert sorted(scene.tree.tolist()) == [0, 3]
@@ -233,11 +232,10 @@ def build_collection_within_nodes():
 
 
 def build_nodes_within_collection():
-    holder = bpy.data.objects.new("holder", None)
+    holder = link("holder")
     holder.instance_type = "COLLECTION"
     holder.instance_collection = library_of(with_nodes(add(quad(0, WOOD)), row(2, (1, 0, 0))))
     holder.location.z = 4
-    bpy.context.scene.collection.objects.link(holder)
     build_nested()
 
 
@@ -256,8 +254,7 @@ def build_curves():
     curve.dimensions, curve.bevel_depth = "3D", 0.1
     curve.splines.new("POLY").points.add(1)
     curve.splines[0].points[1].co = (0, 0, 2, 1)
-    branch = bpy.data.objects.new("branch", curve)
-    bpy.context.scene.collection.objects.link(branch)
+    branch = link("branch", curve)
     with_nodes(add(quad(0, WOOD)), row(2, (3, 0, 0), branch))
 
 
@@ -286,8 +283,7 @@ def test_instances_carry_the_trees_of_their_points(empty_blender):
     points.from_pydata([(x, 0, 0) for x in range(4)], [], [])
     for name, values in ((TREE_KEY, [40, 41, 42, 43]), (SPECIES_KEY, [-1, 1, -1, 1])):
         points.attributes.new(name, "INT", "POINT").data.foreach_set("value", values)
-    forest = bpy.data.objects.new("forest", points)
-    bpy.context.scene.collection.objects.link(forest)
+    forest = link("forest", points)
 
     def build(group, start, end):
         copy = group.nodes.new("GeometryNodeInstanceOnPoints")
@@ -313,8 +309,7 @@ def test_instances_carry_the_trees_of_their_points(empty_blender):
 def test_hidden_objects_are_left_out(empty_blender):
     add(quad(0, WOOD)).hide_viewport = True
     add(quad(1, WOOD)).hide_set(True)
-    apart = bpy.data.collections.new("apart")
-    bpy.context.scene.collection.children.link(apart)
+    apart = add_collection("apart")
     apart.objects.link(bpy.data.objects.new("far", to_mesh("far", quad(2, WOOD))))
     assert len(read()) == 1
     bpy.context.view_layer.layer_collection.children["apart"].exclude = True
@@ -408,8 +403,7 @@ def test_what_is_kept_is_never_stale(empty_blender):
 def test_a_loaded_file_is_read_anew(empty_blender, tmp_path):
     add(quad(0, WOOD))
     before = read()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    reopened(tmp_path / "a.blend")
     assert read() is not before
     assert read() is read()
     depsgraph.unwatch()
@@ -422,10 +416,8 @@ def test_curves_and_text_are_seen(empty_blender):
     spline = curve.splines.new("POLY")
     spline.points.add(1)
     spline.points[0].co, spline.points[1].co = (0, 0.3, 0, 1), (0, 0.3, 2, 1)
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("branch", curve))
-    bpy.context.scene.collection.objects.link(
-        bpy.data.objects.new("word", bpy.data.curves.new("word", "FONT"))
-    )
+    link("branch", curve)
+    link("word", bpy.data.curves.new("word", "FONT"))
     scene = read()
     assert len(scene) == 2  # each once
     assert distance_along_x(scene) == pytest.approx(4.9, abs=0.02)
@@ -462,8 +454,7 @@ def test_what_comes_or_goes_is_set_up_anew_and_an_estimate_knows(empty_blender, 
 
 def test_a_scene_is_not_set_up_anew_after_what_sensors_do_not_meet(empty_blender):
     add(quad(0, WOOD))
-    lamp = bpy.data.objects.new("ear", None)
-    bpy.context.scene.collection.objects.link(lamp)
+    lamp = link("ear")
     before = observe()
     lamp.location.x = 3
     after = observe()
@@ -583,8 +574,7 @@ def test_what_is_read_as_it_was_written_is_held_once(empty_blender, tree, change
 
 
 def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):
-    obj = bpy.data.objects.new("tree", to_mesh("tree", tree))
-    bpy.context.collection.objects.link(obj)
+    obj = link("tree", to_mesh("tree", tree))
     plain = read_scene(bpy.context.evaluated_depsgraph_get()).meshes[0]
     assert np.shares_memory(plain.triangles, tree.triangles)
     assert np.array_equal(plain.vertices, tree.vertices.astype(np.float32))
@@ -618,9 +608,8 @@ def look_at(place, corners=None):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     corners = np.array([[0, -1, 0], [0, 1, 0], [0, 1, 2.0]]) if corners is None else corners
     mesh = TriMesh.of_part(np.asarray(corners, float), np.array([[0, 1, 2]]), OTHER)
-    obj = bpy.data.objects.new("hut", to_mesh("hut", mesh))
+    obj = link("hut", to_mesh("hut", mesh))
     obj.location = place
-    bpy.context.scene.collection.objects.link(obj)
     return Observer(bpy.context.evaluated_depsgraph_get())
 
 

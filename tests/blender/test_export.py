@@ -16,6 +16,7 @@ from references.model_tree import tree
 bpy = pytest.importorskip("bpy")
 
 from mathutils import Matrix, Vector
+from references.scenes import add_collection, link
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
@@ -126,8 +127,7 @@ def test_ten_thousand_trees_add_fifty_bytes_each(empty_blender, tmp_path):
 @pytest.mark.medium
 def test_the_scene_is_as_before(empty_blender, tmp_path):
     planted("points")
-    hidden = bpy.data.collections.new("away")
-    bpy.context.scene.collection.children.link(hidden)
+    hidden = add_collection("away")
     hidden.objects.link(bpy.data.objects.new("lamp", None))
     bpy.context.view_layer.layer_collection.children["away"].exclude = True
     (trees,) = part(bpy.context.scene, TREES).objects
@@ -156,8 +156,7 @@ def test_a_light_view_exports_whole_trees(empty_blender, tmp_path, monkeypatch):
 def test_nodes_that_pick_collections_are_refused_in_words(empty_blender, tmp_path):
     planted("points")
     variants = part(bpy.context.scene, VARIANTS)
-    grove = bpy.data.collections.new("0 grove")
-    variants.children.link(grove)
+    grove = add_collection("0 grove", variants)
     grove.objects.link(variants.objects[0])
     with pytest.raises(ValueError, match="pick mesh objects"):
         export_glb(bpy.context.scene, tmp_path / "forest.glb")
@@ -250,9 +249,8 @@ def folder(tmp_path: Path) -> Path:
         corners = np.arange(3 * len(facets)).reshape(-1, 3)
         mesh.from_pydata(facets.reshape(-1, 3).tolist(), [], corners.tolist())
         mesh.materials.append(bpy.data.materials.new(material))
-        obj = bpy.data.objects.new(name, mesh)
+        obj = link(name, mesh)
         obj.location.x = 2.0
-        bpy.context.scene.collection.objects.link(obj)
     bpy.context.view_layer.update()
     bpy.ops.wm.obj_export(filepath=str(tmp_path / "tree.obj"))
     bpy.ops.wm.ply_export(filepath=str(tmp_path / "tree.ply"))

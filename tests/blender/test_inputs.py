@@ -7,6 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_collection, add_mesh
+
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.base.trimesh import GROUND, WOOD
@@ -243,8 +245,7 @@ def test_trees_stand_where_it_is_painted(empty_blender):
 
 
 def test_objects_say_where_trees_stand(empty_blender):
-    home = bpy.data.collections.new("surveyed")
-    bpy.context.scene.collection.children.link(home)
+    home = add_collection("surveyed")
     for number, (x, size) in enumerate([(1, 1.0), (5, 2.0), (7, 0.5)]):
         peg = bpy.data.objects.new(f"peg {number}", None)
         peg.location, peg.scale = (x, 2, 3), (size,) * 3
@@ -265,8 +266,7 @@ def test_objects_say_where_trees_stand(empty_blender):
 
 
 def test_a_mirrored_peg_is_refused(empty_blender):
-    home = bpy.data.collections.new("surveyed")
-    bpy.context.scene.collection.children.link(home)
+    home = add_collection("surveyed")
     peg = bpy.data.objects.new("left", None)
     peg.scale.x = -1
     home.objects.link(peg)
@@ -325,9 +325,7 @@ def read():
 
 def rock():
     """Objects that come before the ground by name, and so among instances."""
-    data = bpy.data.meshes.new("a rock")
-    data.from_pydata([(0, 0, 1), (1, 0, 1), (0, 1, 2)], [], [(0, 1, 2)])
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("a rock", data))
+    add_mesh("a rock", [(0, 0, 1), (1, 0, 1), (0, 1, 2)], (0, 1, 2))
 
 
 def test_views_show_a_quarter_of_the_field_around_it(empty_blender):

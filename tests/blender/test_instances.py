@@ -8,6 +8,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_collection, link
+
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.files.export import save_blend
@@ -25,8 +27,7 @@ COUNT = 200
 
 
 def library(name):
-    home = bpy.data.collections.new(name)
-    bpy.context.scene.collection.children.link(home)
+    home = add_collection(name)
     home.hide_viewport = True
     for number, size in enumerate(SIZES):
         data = bpy.data.meshes.new("v")
@@ -51,8 +52,7 @@ def columns(count=COUNT):
 
 def plant(light=False, **changes):
     data = points_mesh("Trees", len(SIZES), **(columns() | changes))
-    obj = bpy.data.objects.new("Trees", data)
-    bpy.context.scene.collection.objects.link(obj)
+    obj = link("Trees", data)
     nodes.give_instancer(obj, library("full"), library("rough"), light)
     return obj
 
@@ -166,8 +166,7 @@ def test_stand_ins_are_whole_near_the_camera_and_sensors_see_all_whole(empty_ble
     nodes.set_input(obj.modifiers[0], nodes.NEAR, within)
     before = placed(obj)
     assert {source.name[:5] for source in before.source} == {"rough"}  # there is no camera
-    camera = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
-    bpy.context.scene.collection.objects.link(camera)
+    camera = link("eye", bpy.data.cameras.new("eye"))
     bpy.context.scene.camera, camera.location = camera, (1.0, 2.0, 3.0)
     obj.update_tag()
     found = placed(obj)

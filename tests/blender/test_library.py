@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from mathutils import Euler, Matrix
+from references.scenes import link
 
 from forest_addon import api
 from forest_addon.base.rng import stream
@@ -67,9 +68,8 @@ def stand(block, matrix):
 
 def direct(tree, matrix, number):
     """The same tree, built by us."""
-    obj = bpy.data.objects.new("ours", to_mesh("ours", tree.mesh))
+    obj = link("ours", to_mesh("ours", tree.mesh))
     obj["forest_tree"], obj["forest_species"] = number, 0
-    bpy.context.scene.collection.objects.link(obj)
     obj.matrix_world = matrix
     bpy.context.view_layer.update()
 
@@ -210,8 +210,7 @@ def test_leaves_of_a_stretched_tree_are_those_of_its_triangles(empty_blender):
     write_truth(mesh, "bilberry#1", "bilberry", tree)
     shear = Matrix(((1, 0.4, 0, 0), (0, 1, 0, 0), (0, 0.2, -1.5, 0), (0, 0, 0, 1)))
     for matrix in (BENT, shear):
-        obj = bpy.data.objects.new("bilberry", mesh)
-        bpy.context.scene.collection.objects.link(obj)
+        obj = link("bilberry", mesh)
         obj.matrix_world = matrix
         bpy.context.view_layer.update()
         placed = api.current().observer.placed_trees

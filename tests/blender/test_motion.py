@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from references.animation import curves_of
+from references.scenes import curves_of, link
 
 from forest_addon import api as forest
 from forest_addon.blender.sensors.moving import SceneFollower
@@ -248,8 +248,7 @@ def shifts(result, echo):
 def test_a_ping_hears_a_plate_where_it_is_at_the_present_frame(scene):
     """Once it stays, the sonar pings at the present frame; Doppler by the closed form."""
     bpy.data.objects.remove(bpy.data.objects["wall"])
-    hub = bpy.data.objects.new("hub", None)
-    bpy.context.collection.objects.link(hub)
+    hub = link("hub")
     plate = bpy.data.objects["plate"]
     plate.parent = hub
     keyed(hub, "location", [(0, 0, 0), (-4 * SPEED, 0, 0)], (1, 97))
@@ -274,8 +273,7 @@ def test_pings_along_what_is_followed_hear_the_scene_at_their_times(scene):
     speed = SPEED / 2
     bpy.data.objects.remove(bpy.data.objects["wall"])
     keyed(bpy.data.objects["plate"], "location", [(FAR, 0, 0), (FAR - 4 * speed, 0, 0)], (1, 97))
-    bat = bpy.data.objects.new("bat", None)
-    bpy.context.collection.objects.link(bat)
+    bat = link("bat")
     keyed(bat, "location", [(0, 0, 0), (4, 0, 0)], (1, 97))  # 1 m/s towards the plate
     scene.frame_end = 97
     scene.frame_set(1)
@@ -581,8 +579,7 @@ def test_mapped_time_is_that_of_the_scene_and_the_frame_stays(scene):
     result = scan(sensor=FEW)
     assert (scene.frame_current, scene.frame_subframe) == (7, 0.25)
     assert off(result.found).max() < 1e-5
-    bat = bpy.data.objects.new("bat", None)
-    bpy.context.collection.objects.link(bat)
+    link("bat")
     forest.current().scan(forest.Mobile(follow="bat", pulse_rate=100.0, motion=True))
     assert (scene.frame_current, scene.frame_subframe) == (7, 0.25)
 

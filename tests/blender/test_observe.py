@@ -8,8 +8,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from references.animation import curves_of
 from references.echoes import leaf_discs
+from references.scenes import curves_of, link
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
@@ -181,8 +181,7 @@ def curve(points, name="Way", closed=False):
     spline.points.add(len(points) - 1)
     spline.points.foreach_set("co", [x for p in points for x in (*p, 1.0)])
     spline.use_cyclic_u = closed
-    obj = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(obj)
+    obj = link(name, data)
     return obj
 
 
@@ -253,9 +252,8 @@ def test_a_scan_along_a_curve_sees_the_wall_beside_it(empty_blender):
 
 def flat():
     """An object without size has no direction."""
-    obj = bpy.data.objects.new("Way", None)
+    obj = link("Way")
     obj.scale = (0, 1, 1)
-    bpy.context.scene.collection.objects.link(obj)
 
 
 @pytest.mark.parametrize(
@@ -278,8 +276,7 @@ def bat(empty_blender):
     """An empty that flies 4 m along Y in frames 1 to 25, turning by 90°; 24 frames a second."""
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end, scene.render.fps = 1, 25, 24
-    obj = bpy.data.objects.new("Bat", None)
-    scene.collection.objects.link(obj)
+    obj = link("Bat")
     for frame, y, turn in ((1, 0.0, 0.0), (25, 4.0, math.pi / 2)):
         obj.location, obj.rotation_euler = (1, y, 2), (0, 0, turn)
         obj.keyframe_insert("location", frame=frame)
@@ -304,8 +301,7 @@ def test_an_animated_object_over_the_frames(bat):
 
 
 def test_a_child_moves_with_its_parent(bat):
-    child = bpy.data.objects.new("Nose", None)
-    bpy.context.scene.collection.objects.link(child)
+    child = link("Nose")
     child.parent, child.location = bat, (0.5, 0, 0)
     poses = Observer.way(Sonar(follow="Nose", poses=2))
     np.testing.assert_allclose(poses.position[0], [1.5, 0, 2], atol=1e-6)

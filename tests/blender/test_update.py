@@ -13,6 +13,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_collection, link
+
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.base.trimesh import GROUND
@@ -137,12 +139,6 @@ def empty():
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
-def collection(name, home=None):
-    made = bpy.data.collections.new(name)
-    (home or bpy.context.scene.collection).children.link(made)
-    return made
-
-
 def mesh(name="own"):
     data = bpy.data.meshes.new(name)
     data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 1)], [], [(0, 1, 2)])
@@ -259,9 +255,8 @@ def test_edits_of_collections_stay(empty_blender, how):
     ground.hide_render, ground.color_tag, ground["mine"] = True, "COLOR_04", 7
     part(bpy.context.scene, VARIANTS).hide_viewport = False
     trees.name, top.name = "Stems", "Wood of the owls"
-    linked = bpy.data.objects.new("lamp", None)
-    ground.objects.link(linked)
-    inner = collection("Huts", trees)
+    linked = link("lamp", home=ground)
+    inner = add_collection("Huts", trees)
     plant(how, seed=2)
     layer = bpy.context.view_layer.layer_collection.children["Wood of the owls"]
     assert layer.children["Stems"].exclude
@@ -293,7 +288,7 @@ def test_edits_of_a_plantings_collection_stay(empty_blender):
 
 def test_parts_are_found_where_the_user_put_them(empty_blender):
     plant()
-    mine = collection("Mine")
+    mine = add_collection("Mine")
     ground, top = part(bpy.context.scene, GROUND_NAME), root(bpy.context.scene)
     mine.children.link(ground)
     top.children.unlink(ground)
@@ -319,8 +314,7 @@ def test_what_others_put_into_our_collections_stays_there(empty_blender, how, na
 
 
 def rock(home):
-    obj = bpy.data.objects.new("rock", bpy.data.meshes.new("rock"))
-    home.objects.link(obj)
+    obj = link("rock", bpy.data.meshes.new("rock"), home=home)
     return obj
 
 
@@ -348,7 +342,7 @@ def test_copies_belong_to_the_user_and_a_renamed_tree_is_still_the_tree(empty_bl
 
 def test_a_tree_that_is_needed_no_more_stays_in_a_collection_of_the_users(empty_blender):
     plant()
-    own, chosen = collection("Chosen"), first(TREES)
+    own, chosen = add_collection("Chosen"), first(TREES)
     own.objects.link(chosen)
     plant("points")
     assert list(own.objects) == [chosen]
@@ -387,7 +381,7 @@ def test_edits_of_objects_stay(empty_blender, how):
 def test_a_tree_in_a_collection_of_the_users_is_brought_up_to_date_there(empty_blender):
     plant()
     both, moved = list(ours(TREES).values())[:2]
-    own = collection("Chosen")
+    own = add_collection("Chosen")
     for obj in (both, moved):
         own.objects.link(obj)
     part(bpy.context.scene, TREES).children[0].objects.unlink(moved)
@@ -401,8 +395,7 @@ def test_a_tree_in_a_collection_of_the_users_is_brought_up_to_date_there(empty_b
 
 def test_trees_that_hang_on_something_go_along_with_it(empty_blender):
     plant()
-    anchor = bpy.data.objects.new("anchor", None)
-    bpy.context.scene.collection.objects.link(anchor)
+    anchor = link("anchor")
     for obj in ours(TREES).values():
         obj.parent = anchor
     anchor.location = (100, 0, 5)
@@ -548,7 +541,7 @@ def test_edits_of_the_instancer_stay(empty_blender, monkeypatch):
     (modifier,) = obj.modifiers
     group = modifier.node_group
     group.nodes.new("GeometryNodeTranslateInstances").name = "mine"
-    shrubs = collection("Shrubs")
+    shrubs = add_collection("Shrubs")
     nodes.set_input(modifier, "Variants", shrubs)
     nodes.set_input(modifier, "Light View", True)
     plant("points", seed=2)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import bpy
-import numpy as np
+from references.scenes import add_mesh
 
 from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.scene.layout import CLOUD_KEY
@@ -36,6 +36,7 @@ def clouds():
 def counts():
     """How many of everything there is."""
     kinds = ("objects", "meshes", "materials", "collections", "node_groups", "images")
+    kinds += ("speakers", "sounds", "curves")
     return {kind: len(getattr(bpy.data, kind)) for kind in kinds}
 
 
@@ -51,10 +52,7 @@ def next_uid():
     return number
 
 
-def add_cube(collection=None):
-    data = bpy.data.meshes.new("cube")
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    data.from_pydata(corners.tolist(), [], [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6)])
-    cube = bpy.data.objects.new("cube", data)
-    (collection or bpy.context.scene.collection).objects.link(cube)
-    return cube
+def add_cube(name="cube", home=None):
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    sides = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6))
+    return add_mesh(name, corners, *sides, home=home)

@@ -12,6 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from hypothesis import given, settings, strategies as st
+from references.scenes import add_collection, link, reopened
 from ui import test_panels
 from ui.pressing import add_cube
 
@@ -200,18 +201,6 @@ def test_a_speaker_sends_along_its_minus_z(props, azimuth, elevation):
     assert back.facing_elevation_deg == pytest.approx(elevation, abs=2e-4)
 
 
-def test_a_sensor_on_a_parent_is_where_it_is_carried(props):
-    obj = exchange.add_sensor(bpy.context.scene, spec.Sonar(position=(1, 0, 2)))
-    carrier = bpy.data.objects.new("carrier", None)
-    bpy.context.scene.collection.objects.link(carrier)
-    obj.parent = carrier
-    carrier.location, carrier.rotation_euler = (10, 0, 0), (0, 0, math.pi / 2)
-    bpy.context.view_layer.update()
-    sonar = exchange.sensor_of(obj)
-    assert sonar.position == pytest.approx((10, 1, 2), abs=1e-6)
-    assert sonar.azimuth_deg == pytest.approx(90, abs=1e-4)
-
-
 def test_a_reverb_without_its_receiver_is_named(props):
     obj = exchange.add_sensor(bpy.context.scene, spec.Reverb())
     bpy.data.objects.remove(sensors.receiver_of(obj))
@@ -260,13 +249,6 @@ def thing(kind):
     """The settings of a new sensor."""
     obj = exchange.add_sensor(bpy.context.scene, spec.SENSORS[kind]())
     return getattr(obj.forest_sensor, kind)
-
-
-def test_a_value_may_be_left_out(props):
-    assert exchange.read(props.air, spec.Air).sound_speed is None
-    props.air.use_sound_speed = True
-    props.air.sound_speed = 340.3
-    assert exchange.read(props.air, spec.Air).sound_speed == 340.3
 
 
 @pytest.mark.parametrize(
@@ -350,16 +332,12 @@ def names(scene=None):
 @pytest.fixture
 def naming(small, sensor):
     """A scene whose settings name something each, by their texts as a script sets them."""
-    link = bpy.context.scene.collection.objects.link
-    hill = add_cube()
-    hill.name = "hill"
-    hill.vertex_groups.new(name="weights")
-    home = bpy.data.collections.new("orchard")
-    bpy.context.scene.collection.children.link(home)
-    link(bpy.data.objects.new("way", bpy.data.curves.new("way", "CURVE")))
+    add_cube("hill").vertex_groups.new(name="weights")
+    add_collection("orchard")
+    link("way", bpy.data.curves.new("way", "CURVE"))
     for name in ("ear", "eye"):
-        link(bpy.data.objects.new(name, None))
-    link(bpy.data.objects.new("bell", bpy.data.speakers.new("bell")))
+        link(name)
+    link("bell", bpy.data.speakers.new("bell"))
     sensor("mobile", follow="way")
     bpy.data.objects["echo"].forest_sensor.sonar.follow = "way"
     reverb = bpy.data.objects["reverb"].forest_sensor.reverb
@@ -404,8 +382,7 @@ def test_a_copy_of_a_sensor_follows_too(naming):
 
 
 def test_a_picked_object_is_named(naming):
-    other = add_cube()
-    other.name = "slope"
+    other = add_cube("slope")
     naming.forest.terrain.object_pointer = other
     assert naming.forest.terrain.object == "slope"
     naming.plantings[0].painted_pointer = other
@@ -448,9 +425,7 @@ def test_a_rename_is_followed_also_in_a_saved_file(naming, tmp_path):
     assert names() == NAMED
     rename()
     assert names() == RENAMED
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "today.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "today.blend"))
-    props = bpy.context.scene.forest_sensing
+    props = reopened(tmp_path / "today.blend").forest_sensing
     assert props.forest.terrain.object == "mound"  # for whoever reads the text
     bpy.data.objects["mound"].name = "hill"
     assert names()["object"] == "hill"
@@ -532,8 +507,7 @@ def test_the_chosen_one_stays_when_something_else_is_clicked_or_removed(small):
     cloud, echo = bpy.data.objects["cloud"], bpy.data.objects["echo"]
     activate(cloud)
     activate(echo)
-    other = bpy.data.objects.new("rock", None)
-    bpy.context.scene.collection.objects.link(other)
+    other = link("rock")
     activate(other)
     agree(small, echo)
     sensors.remove_sensor(cloud)  # numbers of the list move up
@@ -543,16 +517,6 @@ def test_the_chosen_one_stays_when_something_else_is_clicked_or_removed(small):
     sensors.remove_sensor(echo)
     bpy.context.view_layer.update()
     assert chosen_sensor(bpy.context) == listed(small) is not None
-
-
-def test_a_copy_of_a_reverb_goes_without_the_receiver_that_both_have(small):
-    reverb = bpy.data.objects["reverb"]
-    copy = reverb.copy()
-    sensors.home_of(bpy.context.scene).objects.link(copy)
-    sensors.remove_sensor(copy)
-    assert sensors.receiver_of(reverb) is not None
-    sensors.remove_sensor(reverb)
-    assert "reverb receiver" not in bpy.data.objects
 
 
 @pytest.mark.medium

@@ -17,7 +17,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ui import test_panels
+from references.scenes import add_collection
+from ui import pressing, test_panels
+from ui.pressing import ROOT, add_cube
 
 from forest_addon import spec, ui
 from forest_addon.blender.jobs import Job
@@ -31,7 +33,6 @@ from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell import running
 from forest_addon.ui.species import edit
 
-ROOT = Path(__file__).resolve().parents[2]
 TWIG = """
 name = "twig"
 [rules]
@@ -108,11 +109,10 @@ def unclear(words):
 
 
 def counts():
-    """How many of everything there is."""
-    kinds = ("objects", "meshes", "materials", "collections", "node_groups", "images", "speakers")
-    found = {kind: len(getattr(bpy.data, kind)) for kind in (*kinds, "sounds", "curves")}
+    """How many of everything there is, also in the panel's lists."""
     lists = bpy.context.scene.forest_sensing
-    return found | {name: len(getattr(lists, name)) for name in ("plantings", "stems", "edited")}
+    found = {name: len(getattr(lists, name)) for name in ("plantings", "stems", "edited")}
+    return pressing.counts() | found
 
 
 @pytest.fixture(scope="module")
@@ -188,15 +188,6 @@ def thing_of(kind):
     return next(t for t in bpy.data.objects if sensors.kind_of(t) == kind)
 
 
-def cube(name="cube"):
-    data = bpy.data.meshes.new(name)
-    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    data.from_pydata(corners, [], [(0, 1, 3, 2), (4, 5, 7, 6)])
-    obj = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(obj)
-    return obj
-
-
 def as_it_is(_):
     pass
 
@@ -209,7 +200,7 @@ def no_active_object(_):
 
 def mode(name):
     def enter(_):
-        bpy.context.view_layer.objects.active = cube()
+        bpy.context.view_layer.objects.active = add_cube()
         bpy.ops.object.mode_set(mode=name)
 
     enter.__name__ = f"in_{name.lower()}"
@@ -363,7 +354,7 @@ def output_where_nobody_writes(_):
 def output_beside_an_unsaved_file(_):
     nothing_of_ours(_)
     fill(bpy.context.scene, Path("/"))
-    cube()
+    add_cube()
     bpy.context.scene.forest_sensing.output = "//results"
 
 
@@ -402,9 +393,9 @@ def long_names(folder):
 
 def names_like_ours(_):
     for name in ("Ground", "twig 0000", "echo", "cloud points", "Trees"):
-        cube(name)
+        add_cube(name)
     for name in ("Forest", "Trees", "Sensors", "Results"):
-        bpy.context.scene.collection.children.link(bpy.data.collections.new(name))
+        add_collection(name)
 
 
 def planting_chosen_that_is_gone(_):
@@ -452,7 +443,7 @@ def in_local_view(_):
     if area is None:
         pytest.skip("this Blender has no 3D view")
     region = next(r for r in area.regions if r.type == "WINDOW")
-    bpy.context.view_layer.objects.active = cube()
+    bpy.context.view_layer.objects.active = add_cube()
     bpy.context.object.select_set(True)
     with bpy.context.temp_override(area=area, region=region):
         bpy.ops.view3d.localview()

@@ -14,6 +14,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import blf
+from references.scenes import add_mesh
 from ui.pressing import (
     facts,
     next_uid,
@@ -251,22 +252,17 @@ def kinds(of):
     return [one for kind in of.__subclasses__() for one in (kind, *kinds(kind))]
 
 
-def test_what_does_not_apply_now_is_hidden(small):
+@pytest.mark.parametrize(
+    ("name", "other", "value"), [("ear_spacing", "ears", 2), ("beam_file", "beam", "file")]
+)
+def test_what_does_not_apply_now_is_hidden(small, name, other, value):
     small.advanced = True
-    obj = bpy.data.objects["echo"]
-    bpy.context.view_layer.objects.active = obj
-    settings = obj.forest_sensor.sonar
-    names = {p.identifier: p.name.partition(" (")[0] for p in settings.bl_rna.properties}
-
-    def shown(name):
-        return any(text.startswith(names[name]) for text in drawn())
-
-    assert not shown("ear_spacing")
-    settings.ears = 2
-    assert shown("ear_spacing")
-    assert not shown("beam_file")
-    settings.beam = "file"
-    assert shown("beam_file")
+    bpy.context.view_layer.objects.active = bpy.data.objects["echo"]
+    settings = settings_of("echo")
+    label = settings.bl_rna.properties[name].name.partition(" (")[0]
+    assert not any(text.startswith(label) for text in drawn())
+    setattr(settings, other, value)
+    assert any(text.startswith(label) for text in drawn())
 
 
 def test_labels_fit_beside_their_values(small):
@@ -283,12 +279,9 @@ def test_labels_fit_beside_their_values(small):
 
 
 @pytest.mark.slow
-def test_results_are_shown(small):
-    bpy.ops.forest.build()
-    bpy.ops.forest.run()
-    results = bpy.context.scene.forest_sensing.results
-    assert [result.opened for result in results] == [True, *[False] * (len(results) - 1)]
-    for result in results:
+def test_results_are_shown(ran):
+    assert [result.opened for result in ran.results] == [True, False, False, False, False]
+    for result in ran.results:
         result.opened = True
     seen = drawn()
     assert {"Trees", "Points", "Leaves Heard", "Trunks Heard"} <= set(seen)
@@ -376,11 +369,10 @@ def test_a_tree_of_ones_own_is_seen_without_a_forest(props):
 
 
 @pytest.mark.medium
-def test_what_a_sensor_found_is_told_beside_run(built):
+def test_what_a_sensor_found_is_told_beside_run(ran):
     """It is seen there without going down to the results, and says when it is of the forest before."""
-    assert bpy.ops.forest.run(sensor="cloud") == {"FINISHED"}
     bpy.context.view_layer.objects.active = bpy.data.objects["cloud"]
-    result = built.results["cloud"]
+    result = ran.results["cloud"]
     told = f"{result.figures['Points'].value} points"
     seen = drawn()
     assert seen.index("Run cloud") < seen.index(told) < seen.index("cloud", seen.index(told))
@@ -510,14 +502,6 @@ def offered(group, name, typed=""):
     return references.SEARCHES[name](group, bpy.context, typed)
 
 
-def plane(name):
-    data = bpy.data.meshes.new(name)
-    data.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0)], [], [(0, 1, 2)])
-    obj = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(obj)
-    return obj
-
-
 def texts():
     """(class, field, param) of every text of the panel that is no choice of a few."""
     for cls in properties.GROUPS:
@@ -546,7 +530,7 @@ def test_a_file_beside_the_blend_file_becomes_a_whole_path(props, tmp_path):
 
 
 def test_every_layer_that_is_offered_can_be_read(small):
-    obj = plane("meadow")
+    obj = add_mesh("meadow", [(0, 0, 0), (1, 0, 0), (1, 1, 0)], (0, 1, 2))
     obj.vertex_groups.new(name="weights")
     obj.data.attributes.new("share", "FLOAT", "FACE")
     obj.data.attributes.new("flow", "FLOAT_VECTOR", "POINT")
@@ -572,8 +556,6 @@ def test_an_image_starts_with_the_fields_extent(small):
     raster = small.plantings[0].rasters[0]
     raster.use_size = raster.use_origin = True
     raster.file = "x.png"
-    found = properties.GROUPS[spec.Raster]
-    assert isinstance(raster, found)
     assert (tuple(raster.size), tuple(raster.origin)) == ((8, 5), (1, 2))
 
 

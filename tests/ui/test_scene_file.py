@@ -10,6 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_mesh, link, reopened
 from ui import test_panels
 from ui.pressing import (
     ROOT,
@@ -58,20 +59,9 @@ from headless.dataset.settings import Ground, Keep
 
 from .test_panels import drawn
 
-BARE = "\n[output]\n" + "".join(
-    f"{name} = false\n"
-    for name in ("blend", "glb", "preview", "pictures", "goodness", "leaves", "report")
+NOTHING = dict.fromkeys(
+    ("pictures", "goodness", "leaves", "report", "blend", "glb", "preview"), False
 )
-
-
-@pytest.mark.medium
-def test_an_exported_scene_file_says_the_same(built, tmp_path):
-    path = tmp_path / "mine.toml"
-    assert press("save_scene", filepath=str(path)) == {"FINISHED"}
-    assert read_settings(path, Scene) == exchange.to_spec(bpy.context.scene)
-    before = exchange.to_spec(bpy.context.scene)
-    assert press("load_scene", filepath=str(path)) == {"FINISHED"}
-    assert exchange.to_spec(bpy.context.scene) == before
 
 
 @pytest.mark.medium
@@ -81,30 +71,6 @@ def test_the_panel_exports_for_other_programs(built, tmp_path):
     assert sum(part["tree"] >= 0 for part in said["parts"]) == len(trees())
     assert all((tmp_path / "others" / part["file"]).is_file() for part in said["parts"])
     assert (tmp_path / "others/forest.glb").is_file()
-
-
-@pytest.mark.slow
-def test_without_a_window_the_exported_scene_gives_the_same_bytes(built, tmp_path):
-    """The panel's scene and the one of a file are the same thing: every result, bit for bit."""
-    panel = tmp_path / "new" / "panel"
-    built.output = str(panel)
-    assert press("run") == {"FINISHED"}
-    told = {result.name: result.file for result in built.results if result.kind != "forest"}
-    names = {"scan": "scan.npz", "cloud": "cloud.laz", "echo": "echo.npz", "reverb": "reverb.wav"}
-    assert told == {name: str(panel / file) for name, file in names.items()}
-    path = tmp_path / "mine.toml"
-    press("save_scene", filepath=str(path))
-    path.write_text(path.read_text() + BARE)
-    out = tmp_path / "headless"
-    assert main(["run", str(path), "--out", str(out), "--quiet"]) == 0
-    results = sorted(file.name for file in panel.glob("[!.]*"))
-    assert len(results) == 6
-    for name in results:
-        ours, theirs = ((where / name).read_bytes() for where in (panel, out))
-        if name.endswith(".npz"):  # an archive also holds when it was written
-            ours, theirs = ({k: v.tobytes() for k, v in np.load(where / name).items()}
-                            for where in (panel, out))  # fmt: skip
-        assert ours == theirs, name
 
 
 @pytest.mark.parametrize(
@@ -140,14 +106,9 @@ def test_species_files_are_found_beside_the_scene_file(props, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_saved_file_brings_everything_back(built, tmp_path):
-    run("cloud")
-    run("echo")
-    before, figures = exchange.to_spec(bpy.context.scene), facts(built, "echo")
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
-    props = bpy.context.scene.forest_sensing
+def test_a_saved_file_brings_everything_back(ran, tmp_path):
+    before, figures = exchange.to_spec(bpy.context.scene), facts(ran, "echo")
+    props = reopened(tmp_path / "forest.blend").forest_sensing
     assert exchange.to_spec(bpy.context.scene) == before
     assert facts(props, "echo") == figures
     count = counts()
@@ -181,11 +142,8 @@ def test_the_offset_that_a_file_asks_for_is_taken_and_undone(small, tmp_path):
 @pytest.fixture
 def slope(small):
     """A mesh of the user's own, as large as the field and more."""
-    data = bpy.data.meshes.new("slope")
     corners = [(-9, -9, 0), (15, -9, 1), (15, 15, 2), (-9, 15, 1)]
-    data.from_pydata(corners, [], [(0, 1, 2), (0, 2, 3)])
-    obj = bpy.data.objects.new("slope", data)
-    bpy.context.scene.collection.objects.link(obj)
+    obj = add_mesh("slope", corners, (0, 1, 2), (0, 2, 3))
     bpy.context.view_layer.update()
     return obj
 
@@ -238,43 +196,44 @@ def test_what_sensors_do_not_see_needs_none(slope, tmp_path):
 
 
 @pytest.mark.slow
-def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
-    """A built forest on a terrain of one's own, exported to another folder."""
+@pytest.mark.parametrize("terrain", ["", "slope"])
+def test_without_a_window_the_exported_scene_gives_the_same_bytes(slope, tmp_path, terrain):
+    """Every result, bit for bit; on a terrain of one's own from the .blend file that has it."""
     props = bpy.context.scene.forest_sensing
-    props.forest.terrain.object = "slope"
-    props.output = str(tmp_path / "panel")
+    slope["forest_ignored"], props.forest.terrain.object = not terrain, terrain
     bpy.data.objects["cloud"].location.z = 2
-    assert bpy.ops.forest.build() == {"FINISHED"}
-    assert bpy.ops.forest.run() == {"FINISHED"}
+    panel, out, path = (tmp_path / name for name in ("new/panel", "headless", "scenes/mine.toml"))
+    props.output = str(panel)
+    assert press("build") == {"FINISHED"}
+    assert press("run") == {"FINISHED"}
+    told = {result.name: result.file for result in props.results if result.kind != "forest"}
+    names = {"scan": "scan.npz", "cloud": "cloud.laz", "echo": "echo.npz", "reverb": "reverb.wav"}
+    assert told == {name: str(panel / file) for name, file in names.items()}
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
-    path = tmp_path / "scenes" / "mine.toml"
     path.parent.mkdir()
-    assert bpy.ops.forest.save_scene(filepath=str(path)) == {"FINISHED"}
-    off = ("glb", "preview", "pictures", "goodness", "leaves", "report")
-    text = path.read_text() + "\n[output]\n" + "".join(f"{name} = false\n" for name in off)
-    path.write_text(text)
-    out = tmp_path / "headless"
+    assert press("save_scene", filepath=str(path)) == {"FINISHED"}
+    off = "".join(f"{name} = false\n" for name in NOTHING if not (terrain and name == "blend"))
+    path.write_text(f"{path.read_text()}\n[output]\n{off}")
     assert main(["run", str(path), "--out", str(out), "--quiet"]) == 0
-    for name in ("cloud.laz", "reverb.wav", "echo.wav"):
-        assert (out / name).read_bytes() == (tmp_path / "panel" / name).read_bytes(), name
-    with bpy.data.libraries.load(str(out / "forest.blend")) as (inside, _):
-        sensors = [name for name in inside.objects if name.split(".")[0] in out_names()]
-    assert sorted(sensors) == sorted(out_names())
-
-
-def out_names():
-    """The sensors of the small forest: each stands there once."""
-    return {"cloud", "scan", "echo", "reverb"}
+    results = sorted(file.name for file in panel.glob("[!.]*"))
+    assert len(results) == 6
+    for name in results:
+        ours, theirs = ((where / name).read_bytes() for where in (panel, out))
+        if name.endswith(".npz"):  # an archive also holds when it was written
+            ours, theirs = ({k: v.tobytes() for k, v in np.load(where / name).items()}
+                            for where in (panel, out))  # fmt: skip
+        assert ours == theirs, name
+    if terrain:
+        with bpy.data.libraries.load(str(out / "forest.blend")) as (inside, _):
+            sensors = [name for name in inside.objects if name.split(".")[0] in names]
+        assert sorted(sensors) == sorted(names)  # each stands there once
 
 
 def test_a_scene_of_instanced_collections_starts_from_its_blend(props, tmp_path):
     home = bpy.data.collections.new("library")
-    data = bpy.data.meshes.new("stone")
-    data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
-    home.objects.link(bpy.data.objects.new("stone", data))
-    empty = bpy.data.objects.new("instance", None)
+    add_mesh("stone", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], (0, 1, 2), home=home)
+    empty = link("instance")
     empty.instance_type, empty.instance_collection = "COLLECTION", home
-    bpy.context.scene.collection.objects.link(empty)
     props.seed = 3
     assert "instance" in write_scene(bpy.context.scene, tmp_path / "a.toml")
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "here.blend"))
@@ -324,13 +283,6 @@ def test_files_that_are_dropped_are_taken(props, tmp_path):
 
 # --------------------------------------------------------------------------------------------- saved
 # Files that are saved and loaded: of today, of a later version, of somebody else.
-
-
-def reopened(path):
-    """The scene after saving to a file and loading that."""
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    bpy.ops.wm.open_mainfile(filepath=str(path))
-    return bpy.context.scene
 
 
 def test_a_file_of_a_newer_version_says_so(props, tmp_path, caplog):
@@ -406,9 +358,6 @@ SAPLING = Planting(
 )
 CLAP = Reverb(source=(1, 1, 1), receiver=(5, 5, 1), sample_rate=4000, duration=0.05)
 BAT = Sonar(position=(-1.0, 3.0, 1.0), max_range=2.0)
-NOTHING = dict.fromkeys(
-    ("pictures", "goodness", "leaves", "report", "blend", "glb", "preview"), False
-)
 # Whether leaves are there: of a reverb without leaves none, of a bat at the edge those of near variants.
 SCENES = {
     "full": ((BUSH,), (CLAP,), "full"),

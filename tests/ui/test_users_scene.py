@@ -10,9 +10,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_collection, link
+from ui.pressing import add_cube
+
 from forest_addon.blender.scene.layout import RESULTS, SENSORS, find_part, root
 
-from .test_hard_cases import again, arguments, cube, home, operators, press, unclear
+from .test_hard_cases import again, arguments, home, operators, press, unclear
 
 __all__ = ["again", "home"]  # fixtures
 
@@ -52,18 +55,15 @@ def users_work():
     top = scene.collection
     for parent in (top, root(scene), find_part(scene, RESULTS), find_part(scene, SENSORS)):
         for state in ("shown", "excluded", "hidden", "off"):
-            made = bpy.data.collections.new(f"my {state}")
-            parent.children.link(made)
-            obj = cube(f"my {state} thing")
-            top.objects.unlink(obj)
-            made.objects.link(obj)
+            made = add_collection(f"my {state}", parent)
+            add_cube(f"my {state} thing", made)
             (way,) = (
                 lc for lc in layer_collections(layer.layer_collection) if lc.collection == made
             )
             way.exclude, way.hide_viewport = state == "excluded", state == "hidden"
             made.hide_viewport = state == "off"
     for state in ("hide_viewport", "hide_render", "hide_select", "hidden", "picked", "active"):
-        obj = cube(f"my {state}")
+        obj = add_cube(f"my {state}")
         if state.startswith("hide_"):
             setattr(obj, state, True)
     obj.data.materials.append(bpy.data.materials.new("mine"))
@@ -81,9 +81,8 @@ def users_work():
     bpy.data.actions.new("my orphan")
     other = bpy.data.scenes.new("my scene")
     other.collection.objects.link(obj)
-    scene.camera = bpy.data.objects.new("my camera", bpy.data.cameras.new("my camera"))
+    scene.camera = link("my camera", bpy.data.cameras.new("my camera"))
     scene.world = bpy.data.worlds.new("my world")
-    top.objects.link(scene.camera)
     scene.timeline_markers.new("mine", frame=2)
     scene.cursor.location, scene.cursor.rotation_euler = (3, 2, 0), (0, 0, 1)
     scene.render.filepath, scene.render.resolution_x = "//mine", 321

@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from mathutils import Vector
+from references.scenes import add_mesh, link, reopened
 from ui.pressing import ROOT, press, trees
 
 from forest_addon.base.trimesh import LEAF
@@ -411,9 +412,7 @@ def test_the_canvas_covers_the_field_at_its_height(painting):
 
 
 def test_the_canvas_lies_on_a_terrain_and_beyond_it_at_its_base(painting):
-    data = bpy.data.meshes.new("slope")
-    data.from_pydata([(-9, -9, 0), (8, -9, 8.5), (8, 20, 8.5), (-9, 20, 0)], [], [(0, 1, 2, 3)])
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("slope", data))
+    add_mesh("slope", [(-9, -9, 0), (8, -9, 8.5), (8, 20, 8.5), (-9, 20, 0)], (0, 1, 2, 3))
     painting.forest.terrain.object = "slope"
     painting_press()
     x, _, z = vertices().T
@@ -497,8 +496,7 @@ def test_it_says_why_it_cannot_paint(painting):
 def test_an_object_of_the_next_file_that_has_the_name_of_the_canvas_is_left_alone(painting):
     painting_press()
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    mine = bpy.data.objects.new("Canvas", bpy.data.meshes.new("Canvas"))
-    bpy.context.scene.collection.objects.link(mine)
+    mine = link("Canvas", bpy.data.meshes.new("Canvas"))
     bpy.context.view_layer.update()
     assert mine.display_type == "TEXTURED"
 
@@ -569,8 +567,7 @@ def test_a_tree_is_grown_again_from_the_settings_that_it_keeps(props):
     mine = bpy.data.materials.new("mine")
     obj.data.materials[0] = mine
     obj.modifiers.new("mine", "DISPLACE")
-    other = bpy.data.objects.new("other", obj.data)
-    bpy.context.scene.collection.objects.link(other)
+    other = link("other", obj.data)
     meshes, obj.data["plot"] = len(bpy.data.meshes), "B7"
     assert bpy.ops.forest.grow_again() == {"FINISHED"}
     np.testing.assert_array_equal(from_mesh(obj.data).vertices, grown.vertices)
@@ -602,8 +599,7 @@ def test_a_tree_of_another_file_is_left_to_that(props, tmp_path):
 
 def test_a_tree_that_was_saved_is_grown_again(props, tmp_path):
     grown = add(species="ginkgo", generations=4, seed=3)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "tree.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "tree.blend"))
+    reopened(tmp_path / "tree.blend")
     assert bpy.ops.forest.grow_again() == {"FINISHED"}
     again = from_mesh(bpy.context.object.data)
     np.testing.assert_array_equal(again.vertices, grown.vertices)

@@ -5,6 +5,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from mathutils import Matrix
+from references.scenes import keyed, link, reopened
 
 from forest_addon import spec
 from forest_addon.blender.scene import layout
@@ -92,8 +93,7 @@ def test_a_mirrored_or_flat_handle_is_a_hill_that_can_be_built(hill):
 
 
 def test_a_parent_moves_a_hill_and_numbers_hold_beside_it(hill):
-    parent = bpy.data.objects.new("cart", None)
-    bpy.context.scene.collection.objects.link(parent)
+    parent = link("cart")
     parent.matrix_world = Matrix.Translation((10, 0, 0)) @ Matrix.Rotation(1.5707963, 4, "Z")
     hill.handle.parent = parent
     found = said()[0]
@@ -105,9 +105,7 @@ def test_a_parent_moves_a_hill_and_numbers_hold_beside_it(hill):
 
 
 def test_a_keyed_handle_takes_its_hill_along(hill):
-    for frame, x in ((1, 0.0), (11, 5.0)):
-        hill.handle.location.x = x
-        hill.handle.keyframe_insert("location", index=0, frame=frame)
+    keyed(hill.handle, "location", {1: (0, 2, 0), 11: (5, 2, 0)})
     for frame, x in ((1, 0.0), (11, 5.0), (1, 0.0)):
         bpy.context.scene.frame_set(frame)
         assert hill.centre[0] == pytest.approx(x)
@@ -256,9 +254,7 @@ def test_a_build_leaves_handles_alone_and_results_do_not_know_them(hilly):
 def test_a_saved_file_opens_with_its_handles(hill, tmp_path):
     hill.handle.location.x = 2.5
     before = said()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hills.blend"))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "hills.blend"))
+    reopened(tmp_path / "hills.blend")
     assert said() == before
     circles()[0].location.x = 4.5
     assert said()[0].centre == (4.5, 2.0)

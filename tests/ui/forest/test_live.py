@@ -4,6 +4,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_collection, add_mesh, reopened
+
 from forest_addon.blender.read import depsgraph as reading
 from forest_addon.spec import SpecError
 from forest_addon.ui.forest import build
@@ -13,11 +15,7 @@ def grid(name, height=0.0):
     """A plane of 3 x 3 vertices over the small field."""
     places = [(x, y, height) for x in (-1, 3, 7) for y in (-1, 3, 7)]
     faces = [(i, i + 3, i + 4, i + 1) for i in (0, 1, 3, 4)]
-    data = bpy.data.meshes.new(name)
-    data.from_pydata(places, [], faces)
-    obj = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(obj)
-    return obj
+    return add_mesh(name, places, *faces)
 
 
 def mark():
@@ -125,8 +123,7 @@ def weigh_less(obj):
 def test_each_change_of_what_it_stands_on_counts(heard, terrain, planting, changes):
     obj = grid("thing")
     obj.vertex_groups.new(name="trees")
-    home = bpy.data.collections.new("places")
-    bpy.context.scene.collection.children.link(home)
+    home = add_collection("places")
     home.objects.link(obj)
     heard.forest.terrain.object = terrain
     for name, value in planting.items():
@@ -276,8 +273,7 @@ def test_without_a_window_nothing_runs_by_itself(built):
 
 @pytest.mark.medium
 def test_saved_and_opened_the_forest_is_known_to_be_up_to_date(built, tmp_path):
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "live.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "live.blend"))
+    reopened(tmp_path / "live.blend")
     assert settle(brought=True) == ""
     assert not stale()
     assert bpy.context.scene.forest_sensing.live

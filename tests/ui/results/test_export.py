@@ -8,7 +8,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from references.animation import curves_of
+import bmesh
+from references.scenes import add_collection, keyed, reopened, values
 from ui.pressing import (
     add_cube,
     clouds,
@@ -60,9 +61,8 @@ def test_what_is_too_large_to_be_kept_says_so(built, tmp_path, monkeypatch):
 
 
 @pytest.mark.medium
-def test_an_echo_can_be_heard(built):
-    run("echo")
-    samples, rate = panel.heard_of(built.results["echo"])
+def test_an_echo_can_be_heard(ran):
+    samples, rate = panel.heard_of(ran.results["echo"])
     assert rate == 20_000  # 400 kHz, twenty times slower
     assert samples.shape[1] == 1
     assert 0.85 < abs(samples).max() <= 1.0
@@ -72,13 +72,12 @@ def test_an_echo_can_be_heard(built):
 
 
 @pytest.mark.medium
-def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
+def test_a_reverb_is_played_as_the_chosen_sound_is_heard(ran, tmp_path):
     """What Blender's audio library was given is the convolution; the exported WAV has it, too."""
-    run("reverb")
-    _, found, _ = finding.unpack(built.results["reverb"].found)
+    _, found, _ = finding.unpack(ran.results["reverb"].found)
     responses = channels_of(found).reshape(len(found.samples), -1)
     for choice in ("CLAP", "CALL"):
-        built.dry = choice
+        ran.dry = choice
         assert press("play", sensor="reverb") == {"FINISHED"}
         played = panel._playing[1]
         dry, dry_rate = dry_sound(choice.lower())
@@ -90,13 +89,13 @@ def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
         samples, rate = read_wav(tmp_path / f"{choice}.wav")
         assert rate == found.sample_rate
         assert np.abs(samples - wet[:, 0]).max() < 1e-6
-    built.dry = "NONE"
+    ran.dry = "NONE"
     press("play", sensor="reverb")
     click = panel._playing[1].data()[:, 0]
     assert np.argmax(np.abs(click)) == np.argmax(np.abs(responses[:, 0]))
-    built.dry, built.dry_file = "FILE", str(tmp_path / "CLAP.wav")
+    ran.dry, ran.dry_file = "FILE", str(tmp_path / "CLAP.wav")
     assert press("play", sensor="reverb") == {"FINISHED"}
-    built.dry_file = str(tmp_path / "none.wav")
+    ran.dry_file = str(tmp_path / "none.wav")
     with pytest.raises(RuntimeError, match=r"none\.wav: there is no such file"):
         press("play", sensor="reverb")
 
@@ -104,8 +103,7 @@ def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
 @pytest.fixture
 def painted(props, sensor):
     """A cube with two materials, an object without one, and what a scanner found of them."""
-    add_cube().name = "my house"
-    house = bpy.data.objects["my house"]
+    house = add_cube("my house")
     for name in ("brick", "glass"):
         house.data.materials.append(bpy.data.materials.new(name))
     for face in house.data.polygons:
@@ -175,8 +173,7 @@ def test_points_are_labelled_by_object_with_names(painted, tmp_path, ending):
 
 
 @pytest.mark.medium
-def test_species_have_their_names_and_class_stays_as_it_was(built, tmp_path):
-    run("cloud")
+def test_species_have_their_names_and_class_stays_as_it_was(ran, tmp_path):
     press("export_result", result="cloud", filepath=str(tmp_path / "a.laz"), labels="SPECIES")
     las, number, names = classes(tmp_path / "a.laz")
     assert names[64] == "hazelnut"
@@ -195,13 +192,7 @@ def test_species_have_their_names_and_class_stays_as_it_was(built, tmp_path):
 @pytest.fixture
 def moving(props, sensor):
     """A scanner, and a cube that goes 1 m along X in every frame."""
-    cube = add_cube()
-    for frame in (1, 3):
-        cube.location.x = frame
-        cube.keyframe_insert("location", frame=frame)
-    for curve in curves_of(cube):
-        for key in curve.keyframe_points:
-            key.interpolation = "LINEAR"
+    keyed(add_cube(), "location", {1: (1, 0, 0), 3: (3, 0, 0)}, "LINEAR")
     sensor("terrestrial", name="cloud", position=(2, -5, 0.5), angle_step_deg=2)
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 3
@@ -215,10 +206,7 @@ def cloud():
 
 def middle():
     """Of the points along X."""
-    data = cloud().data
-    place = np.empty(3 * len(data.vertices), np.float32)
-    data.attributes["position"].data.foreach_get("vector", place)
-    return float(np.median(place[::3]))
+    return float(np.median(values(cloud().data, "position")[:, 0]))
 
 
 @pytest.mark.medium
@@ -307,7 +295,7 @@ def state(name, folder):
     obj, heard = points_of(result), heard_of(result)
     speaker = bpy.data.objects[name]
     return {
-        "shown": None if obj is None else places(obj.data).tobytes(),
+        "shown": None if obj is None else values(obj.data, "position").tobytes(),
         "told": [(f.name, f.value) for f in result.figures if f.name not in CLOCKED],
         "legend": [(e.name, e.choice, tuple(e.colour)) for e in result.legend] or None,
         "drawn": result.picture.packed_file.data,
@@ -317,20 +305,13 @@ def state(name, folder):
     }
 
 
-def places(data):
-    place = np.empty(3 * len(data.vertices), np.float32)
-    data.attributes["position"].data.foreach_get("vector", place)
-    return place
-
-
 def differing(one, other):
     return [key for key in one if one[key] != other[key]]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["cloud", "echo"])
-def test_undo_redo_and_reopening_change_all_of_a_result(built, tmp_path, name):
-    run(name)
+def test_undo_redo_and_reopening_change_all_of_a_result(ran, tmp_path, name):
     bpy.ops.ed.undo_push(message="first")
     first = state(name, tmp_path)
     for key, value in FINER[name].items():
@@ -344,8 +325,7 @@ def test_undo_redo_and_reopening_change_all_of_a_result(built, tmp_path, name):
     assert differing(state(name, tmp_path), first) == []
     bpy.ops.ed.redo()
     assert differing(state(name, tmp_path), second) == []
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
+    reopened(tmp_path / "forest.blend")
     assert differing(state(name, tmp_path), second) == []
 
 
@@ -353,17 +333,11 @@ def test_undo_redo_and_reopening_change_all_of_a_result(built, tmp_path, name):
 @pytest.mark.parametrize("name", ["scan", "echo", "reverb"])
 def test_each_kept_frame_exports_its_own(built, tmp_path, name):
     """At each frame all of a result is what a run of that frame alone gives."""
-    add_cube().name = "wall"
-    wall = bpy.data.objects["wall"]
+    wall = add_cube("wall")
     wall.scale = 2, 2, 2
-    for frame in (1, 2):
-        wall.location = (1 - 0.5 * frame, 2, 0)
-        wall.keyframe_insert("location", frame=frame)
+    keyed(wall, "location", {1: (0.5, 2, 0), 2: (0, 2, 0)})
     if name == "reverb":
-        obj = bpy.data.objects[name]
-        for frame in (1, 2):
-            obj.location.x = frame
-            obj.keyframe_insert("location", frame=frame)
+        keyed(bpy.data.objects[name], "location", {1: (1, 1, 1), 2: (2, 1, 1)})
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 2
     alone = {}
@@ -382,8 +356,7 @@ def test_each_kept_frame_exports_its_own(built, tmp_path, name):
     bpy.ops.ed.undo()
     scene = bpy.context.scene
     assert differing(state(name, tmp_path), alone[scene.frame_current]) == []
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
+    reopened(tmp_path / "forest.blend")
     for frame in (2, 1):
         bpy.context.scene.frame_set(frame)
         assert differing(state(name, tmp_path), alone[frame]) == []
@@ -393,16 +366,8 @@ def test_each_kept_frame_exports_its_own(built, tmp_path, name):
 # Clouds outlive the session: exported from a reopened file in every format; results follow their sensors.
 
 
-def reopened(tmp_path):
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
-    return bpy.context.scene.forest_sensing
-
-
 @pytest.mark.medium
-def test_every_format_is_offered_and_written(built, tmp_path):
-    run("cloud")
-    reopened(tmp_path)
+def test_every_format_is_offered_and_written(ran, tmp_path):
     for ending in ENDINGS:
         if can_write(ending):
             path = tmp_path / f"again{ending}"
@@ -412,33 +377,28 @@ def test_every_format_is_offered_and_written(built, tmp_path):
 
 
 @pytest.mark.medium
-def test_points_that_were_deleted_by_hand_are_not_written(built, tmp_path):
-    run("cloud")
-    props = reopened(tmp_path)
-    data = bpy.data.objects[props.results["cloud"].shown].data
-    count = len(data.vertices)
-    import bmesh
-
+def test_points_that_were_deleted_by_hand_are_not_written(ran, tmp_path):
+    points = bpy.data.objects[ran.results["cloud"].shown]
+    count = len(points.data.vertices)
     shape = bmesh.new()
-    shape.from_mesh(data)
+    shape.from_mesh(points.data)
     bmesh.ops.delete(shape, geom=list(shape.verts)[:10], context="VERTS")
-    shape.to_mesh(data)
+    shape.to_mesh(points.data)
     press("export_result", result="cloud", filepath=str(tmp_path / "less.ply"))
     assert f"element vertex {count - 10}".encode() in (tmp_path / "less.ply").read_bytes()[:3000]
-    bpy.data.objects.remove(bpy.data.objects[props.results["cloud"].shown])
+    bpy.data.objects.remove(points)
     with pytest.raises(RuntimeError, match="Run its sensor again"):
         press("export_result", result="cloud", filepath=str(tmp_path / "no.laz"))
 
 
 @pytest.mark.medium
-def test_a_result_follows_its_sensor(built, tmp_path):
-    run("cloud")
-    obj, points = bpy.data.objects["cloud"], bpy.data.objects[built.results["cloud"].shown]
+def test_a_result_follows_its_sensor(ran, tmp_path):
+    obj, points = bpy.data.objects["cloud"], bpy.data.objects[ran.results["cloud"].shown]
     obj.name = "north tripod"
     bpy.context.view_layer.update()
     follow_names(bpy.context.scene)
-    result = built.results["north tripod"]
-    assert "cloud" not in built.results
+    result = ran.results["north tripod"]
+    assert "cloud" not in ran.results
     assert (result.title, result.shown, points.name) == (
         "north tripod",
         *["north-tripod points"] * 2,
@@ -447,7 +407,7 @@ def test_a_result_follows_its_sensor(built, tmp_path):
     count = len(bpy.data.objects)
     run("north tripod")  # in place of what it found before
     assert len(bpy.data.objects) == count
-    assert [r.name for r in built.results if r.kind == "terrestrial"] == ["north tripod"]
+    assert [r.name for r in ran.results if r.kind == "terrestrial"] == ["north tripod"]
 
 
 # ---------------------------------------------------------------------------------------------- show
@@ -487,8 +447,7 @@ def test_points_are_shown_and_selected_on_request(built):
 def test_a_cloud_shows_even_where_its_collection_was_hidden(built):
     layer = bpy.context.view_layer.layer_collection.children["Forest"]
     for name in ("Results", "Sensors"):
-        made = bpy.data.collections.new(f"mine in {name}")
-        layer.children[name].collection.children.link(made)
+        made = add_collection(f"mine in {name}", layer.children[name].collection)
         layer.children[name].children[made.name].exclude = True
     layer.children["Results"].exclude = True
     run("cloud")

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import link, values
 from ui.pressing import add_cube, run
 
 from forest_addon import spec
@@ -309,27 +310,22 @@ def colours(obj):
     return seen_points(evaluated)[1][:, :3] ** (1 / GAMMA)
 
 
-def labels(obj, name):
-    out = np.empty(len(obj.data.vertices), np.int32)
-    obj.data.attributes[name].data.foreach_get("value", out)
-    return out
-
-
 @pytest.mark.medium
 @pytest.mark.parametrize("choice", ["Organ", "Species", "Object"])
-def test_each_name_stands_beside_the_colour_of_its_points(built, choice):
-    run("cloud")
-    obj, legend = points_of(built, "cloud"), built.results["cloud"].legend
+def test_each_name_stands_beside_the_colour_of_its_points(ran, choice):
+    obj, result = points_of(ran, "cloud"), ran.results["cloud"]
+    result.opened = True
     choose_input(obj.modifiers[0], COLOUR_BY, choice)
     assert chosen_input(obj.modifiers[0], COLOUR_BY) == choice
     seen = colours(obj)
-    entries = [entry for entry in legend if entry.choice == choice]
+    entries = [entry for entry in result.legend if entry.choice == choice]
     assert entries
     for entry in entries:
         assert np.abs(seen - np.array(entry.colour)).max(axis=1).min() < 2e-3
     names = {entry.name for entry in entries}
     if choice == "Organ":
-        assert names == {("other", "wood", "leaf", "ground")[n] for n in set(labels(obj, "organ"))}
+        organs = set(values(obj.data, "organ"))
+        assert names == {("other", "wood", "leaf", "ground")[n] for n in organs}
     elif choice == "Species":
         assert names == {"hazelnut"}
     else:
@@ -344,17 +340,15 @@ def test_undergrowth_is_named_as_well(small, instancing):
     assert bpy.ops.forest.build() == {"FINISHED"}
     run("cloud")
     named = {e.name: e.colour for e in small.results["cloud"].legend if e.choice == "Species"}
-    met = set(labels(points_of(small, "cloud"), "species")) - {-1}
+    met = set(values(points_of(small, "cloud").data, "species")) - {-1}
     assert len(named) == len(met) > 2  # each species that was met has a name
     assert {"hazelnut"} < set(named) <= {"hazelnut", *PLANTS}
 
 
 @pytest.mark.medium
-def test_a_measure_has_its_smallest_and_largest_value(built):
-    run("cloud")
-    found = [e.name for e in built.results["cloud"].legend if e.choice == "Distance"]
-    distance = np.empty(len(points_of(built, "cloud").data.vertices), np.float32)
-    points_of(built, "cloud").data.attributes["distance"].data.foreach_get("value", distance)
+def test_a_measure_has_its_smallest_and_largest_value(ran):
+    found = [e.name for e in ran.results["cloud"].legend if e.choice == "Distance"]
+    distance = values(points_of(ran, "cloud").data, "distance")
     said = [float(words.removesuffix(" m").replace(",", "")) for words in (found[0], found[-1])]
     step = float(np.ptp(distance)) / (len(found) - 1)
     np.testing.assert_allclose(said, [distance.min(), distance.max()], atol=step / 10)
@@ -374,21 +368,19 @@ def test_a_foreign_scene_starts_with_objects(props, sensor):
 
 
 @pytest.mark.medium
-def test_an_echo_offers_what_it_has(built):
-    run("echo")
-    obj = points_of(built, "echo")
+def test_an_echo_offers_what_it_has(ran):
+    obj = points_of(ran, "echo")
     (modifier,) = obj.modifiers
     assert chosen_input(modifier, COLOUR_BY) == "Loudness"
     by_loudness = colours(obj)
-    level = np.empty(len(by_loudness), np.float32)
-    obj.data.attributes["level"].data.foreach_get("value", level)
+    level = values(obj.data, "level")
     assert by_loudness[np.argmax(level), 0] > by_loudness[np.argmin(level), 0]
     choose_input(modifier, COLOUR_BY, "Delay")
     assert np.abs(colours(obj) - by_loudness).max() > 0.1
     menu = next(n for n in modifier.node_group.nodes if n.type == "MENU_SWITCH")
     offered = [item.name for item in menu.enum_items]
     assert offered == ["Loudness", "Tree", "Delay", "Distance", "Height"]
-    assert {entry.choice for entry in built.results["echo"].legend} <= set(offered)
+    assert {entry.choice for entry in ran.results["echo"].legend} <= set(offered)
 
 
 def test_a_swatch_is_the_colour_of_the_screen():
@@ -418,9 +410,8 @@ def test_cycles_renders_points_where_that_is_asked_for(props, sensor, tmp_path):
     cube.hide_render = True
     scene, obj = bpy.context.scene, points_of(props, "cloud")
     set_input(obj.modifiers[0], "Radius", 0.05)
-    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    eye = link("eye", bpy.data.cameras.new("eye"))
     eye.location, eye.rotation_euler = (4, 0.5, 0.5), (np.pi / 2, 0, np.pi / 2)
-    scene.collection.objects.link(eye)
     scene.camera, scene.render.engine = eye, "CYCLES"
     scene.cycles.samples, scene.render.film_transparent = 1, True
     scene.render.resolution_x = scene.render.resolution_y = 32
@@ -436,15 +427,14 @@ def test_cycles_renders_points_where_that_is_asked_for(props, sensor, tmp_path):
 
 
 @pytest.mark.medium
-def test_the_legend_follows_the_scale_of_colours(built):
-    run("cloud")
-    obj = points_of(built, "cloud")
+def test_the_legend_follows_the_scale_of_colours(ran):
+    obj = points_of(ran, "cloud")
     (modifier,) = obj.modifiers
     choose_input(modifier, COLOUR_BY, "Distance")
     choose_input(modifier, COLOUR_MAP, "Heat")
+    ran.results["cloud"].opened = True
     assert {COLOUR_MAP, SHARE} <= set(drawn())
-    distance = np.empty(len(obj.data.vertices), np.float32)
-    obj.data.attributes["distance"].data.foreach_get("value", distance)
+    distance = values(obj.data, "distance")
     seen = colours(obj)
     for end, share in ((np.argmin(distance), 0.0), (np.argmax(distance), 1.0)):
         assert seen[end] == pytest.approx(on_map("Heat", share), abs=2e-3)
@@ -507,10 +497,8 @@ def test_what_renders_do_not_show_and_sensors_meet_is_said(built):
 
 
 @pytest.fixture
-def cloud(small):
-    bpy.ops.forest.build()
-    bpy.ops.forest.run(sensor="cloud")
-    return next(obj for obj in bpy.data.objects if CLOUD_KEY in obj)
+def cloud(ran):
+    return points_of(ran, "cloud")
 
 
 def points_drawn(cloud):
@@ -526,18 +514,13 @@ def test_points_without_their_modifier_are_not_drawn(cloud):
 
 @pytest.mark.slow
 def test_loud_points_are_larger_and_those_of_a_scan_alike(cloud):
-    bpy.ops.forest.run(sensor="echo")
-    echo = next(t for t in bpy.data.objects if t.get(CLOUD_KEY) == "echo")
+    echo = points_of(bpy.context.scene.forest_sensing, "echo")
     set_input(echo.modifiers[0], RADIUS, 0.04)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     depsgraph.update()
-    level = np.empty(len(echo.data.vertices), np.float32)
-    echo.data.attributes["level"].data.foreach_get("value", level)
-    expected = np.interp(level, (QUIET, 0.0), SIZES)
+    expected = np.interp(values(echo.data, "level"), (QUIET, 0.0), SIZES)
     np.testing.assert_allclose(seen_points(echo.evaluated_get(depsgraph))[2], expected, rtol=1e-4)
     assert np.ptp(expected) > 0.5
-    bpy.ops.forest.run(sensor="cloud")
-    depsgraph.update()
     np.testing.assert_allclose(seen_points(cloud.evaluated_get(depsgraph))[2], 1.0)
 
 
@@ -547,9 +530,7 @@ def test_points_beyond_the_ground_that_views_show_are_counted_and_left_out(small
     bpy.ops.forest.build()
     bpy.ops.forest.run(sensor="cloud")
     cloud = next(obj for obj in bpy.data.objects if CLOUD_KEY in obj)
-    every = np.empty(3 * len(cloud.data.vertices), np.float32)
-    cloud.data.attributes["position"].data.foreach_get("vector", every)
-    flat = every.reshape(-1, 3)[:, :2]
+    flat = values(cloud.data, "position")[:, :2]
     near = ((flat >= -1.5) & (flat <= 7.5)).all(axis=1)
     assert 0 < np.count_nonzero(near) < len(near)
     assert len(points_drawn(cloud)[0]) == np.count_nonzero(near)
@@ -565,6 +546,7 @@ def test_one_result_is_shown_at_a_time_unless_more_are_asked_for(cloud):
     def seen():
         return {t[CLOUD_KEY] for t in bpy.data.objects if CLOUD_KEY in t and t.visible_get()}
 
+    bpy.ops.forest.run(sensor="cloud")
     assert seen() == {"cloud"}
     bpy.ops.forest.run(sensor="echo")
     assert seen() == {"echo"}

@@ -8,6 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import link
 from ui.pressing import next_uid, press
 
 from forest_addon import spec
@@ -50,8 +51,7 @@ def test_tooltips_write_nothing_and_know_the_way_of_what_is_followed(props):
     for kind in ("drone", "mobile", "sonar", "tractor"):
         press("add_sensor", kind=kind)
     sonar = bpy.context.view_layer.objects["Bat Sonar"]
-    carrier = bpy.data.objects.new("carrier", None)
-    scene.collection.objects.link(carrier)
+    carrier = link("carrier")
     carrier.keyframe_insert("location", frame=1)
     sonar.forest_sensor.sonar.follow, sonar.forest_sensor.sonar.poses = "carrier", 7
     bpy.context.view_layer.update()

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_mesh
 from ui.pressing import counts, press, trees
 
 from forest_addon.blender.sensors.observe import Observer
@@ -83,11 +84,9 @@ def test_a_changed_scene_is_read_again_when_it_is_quiet(built, monkeypatch):
 
 
 def test_a_plane_below_by_the_equation(props, sensor):
-    data = bpy.data.meshes.new("plane")
-    data.from_pydata(
-        [(-200, -200, 0), (200, -200, 0), (200, 200, 0), (-200, 200, 0)], [], [(0, 1, 2, 3)]
+    add_mesh(
+        "plane", [(-200, -200, 0), (200, -200, 0), (200, 200, 0), (-200, 200, 0)], (0, 1, 2, 3)
     )
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("plane", data))
     sensor(
         "terrestrial", position=(0, 0, 2), angle_step_deg=3, elevation_deg=(-60, 30), max_range=100
     )

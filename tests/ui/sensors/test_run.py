@@ -9,6 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import keyed, link, values
 from ui.pressing import (
     SENSORS,
     add_cube,
@@ -36,16 +37,12 @@ from forest_addon.ui.settings.exchange import from_spec, to_spec
 
 
 @pytest.mark.medium
-def test_points_of_both_lidars_lie_on_the_same_things(built):
-    run("scan")
-    run("cloud")
-    for cloud in clouds():
-        ground = np.empty(len(cloud.data.vertices), dtype=np.int32)
-        cloud.data.attributes["organ"].data.foreach_get("value", ground)
-        place = np.empty((len(ground), 3), dtype=np.float32)
-        cloud.data.attributes["position"].data.foreach_get("vector", place.ravel())
-        assert np.abs(place[ground == 3, 2]).max(initial=0) < 1e-5
-        assert place[ground != 3, 2].min() > -0.05
+def test_points_of_both_lidars_lie_on_the_same_things(ran):
+    for name in ("scan", "cloud"):
+        data = bpy.data.objects[ran.results[name].shown].data
+        organ, height = values(data, "organ"), values(data, "position")[:, 2]
+        assert np.abs(height[organ == 3]).max(initial=0) < 1e-5
+        assert height[organ != 3].min() > -0.05
 
 
 @pytest.mark.slow
@@ -57,14 +54,13 @@ def test_points_of_both_lidars_lie_on_the_same_things(built):
         ("echo", "band", (1e5, 3e5), r"echo\.band.*sample_rate"),
     ],
 )
-def test_a_bad_sensor_is_reported_and_its_last_result_kept(built, name, key, value, words):
-    run(name)
-    before, figures = counts(), facts(built, name)
+def test_a_bad_sensor_is_reported_and_its_last_result_kept(ran, name, key, value, words):
+    before, figures = counts(), facts(ran, name)
     setattr(settings_of(name), key, value)
     with pytest.raises(RuntimeError, match=words):
         run(name)
     assert counts() == before
-    assert facts(built, name) == figures
+    assert facts(ran, name) == figures
 
 
 def test_a_broken_sensor_does_not_stop_the_others(built, capfd):
@@ -94,10 +90,8 @@ def test_a_broken_sensor_does_not_stop_the_forest(small):
 
 @pytest.mark.medium
 def test_a_frame_that_a_sensor_cannot_run_in_does_not_stop_the_others(built, capfd):
-    scene, reverb = bpy.context.scene, bpy.data.objects["reverb"]
-    for frame, z in ((1, 1.0), (2, -1.0), (3, 1.0)):
-        reverb.location.z = z
-        reverb.keyframe_insert("location", frame=frame)
+    scene = bpy.context.scene
+    keyed(bpy.data.objects["reverb"], "location", {1: (1, 1, 1), 2: (1, 1, -1), 3: (1, 1, 1)})
     scene.frame_start, scene.frame_end = 1, 3
     assert run("reverb", frames="RANGE", keep=True) == {"FINISHED"}
     assert [each.frame for each in built.results["reverb"].frames] == [1, 3]
@@ -122,10 +116,8 @@ def test_a_reverb_among_trees_of_the_users_own_says_why_it_hears_none(props, sen
 
 @pytest.mark.slow
 def test_a_sensor_follows_the_frames(built, tmp_path):
-    scene, echo = bpy.context.scene, bpy.data.objects["echo"]
-    for frame, x in ((1, -1), (3, -2)):
-        echo.location.x = x
-        echo.keyframe_insert("location", frame=frame)
+    scene = bpy.context.scene
+    keyed(bpy.data.objects["echo"], "location", {1: (-1, 3, 1), 3: (-2, 3, 1)})
     scene.frame_start, scene.frame_end, scene.frame_current = 1, 3, 2
     built.output = str(tmp_path)
     assert run("echo", frames="RANGE") == {"FINISHED"}
@@ -209,7 +201,7 @@ def test_the_button_for_frames_asks_and_counts_first(built, tmp_path):
 @pytest.mark.parametrize("depth", [1, 2])
 def test_a_scene_of_instanced_collections_alone_is_sensed(props, sensor, depth):
     home = bpy.data.collections.new("library")  # in no scene, as one that is linked
-    add_cube(home)
+    add_cube(home=home)
     for _ in range(depth):
         empty = bpy.data.objects.new("instance", None)
         empty.instance_type, empty.instance_collection = "COLLECTION", home
@@ -222,10 +214,9 @@ def test_a_scene_of_instanced_collections_alone_is_sensed(props, sensor, depth):
 
 
 def test_an_instance_of_nothing_is_nothing_to_sense(props, sensor):
-    empty = bpy.data.objects.new("instance", None)
+    empty = link("instance")
     empty.instance_type = "COLLECTION"
     empty.instance_collection = bpy.data.collections.new("library")
-    bpy.context.scene.collection.objects.link(empty)
     sensor("terrestrial")
     with pytest.raises(RuntimeError, match="Grow a forest first"):
         press("run")
@@ -305,10 +296,7 @@ def test_it_flies_around_what_stands_there_and_is_animated(props):
     assert np.allclose(places[0], [0, 0, 2], atol=1e-5)
     assert np.hypot(*(places[-1, :2] - [10, 0])) < 2.3
     assert np.abs(places[:, 1]).max() > 0.3  # around the cube
-    mesh = trail().data
-    colour = np.empty(4 * len(mesh.vertices), dtype=np.float32)
-    mesh.color_attributes["sensed"].data.foreach_get("color", colour)
-    assert len(np.unique(colour.reshape(-1, 4).round(2), axis=0)) > 3
+    assert len(np.unique(values(trail().data, "sensed").round(2), axis=0)) > 3
     assert trail()[IGNORED_KEY]
     geometry = read_scene(bpy.context.evaluated_depsgraph_get())
     assert "Flyer trail" not in geometry.object_name
@@ -476,14 +464,17 @@ def test_a_path_goes_through_what_there_is_to_sense(room):
     assert np.allclose((line[:, 1].min(), line[:, 1].max()), (-6, 6))
 
 
-def test_a_path_goes_with_its_sensor_unless_a_copy_follows_it(room):
+@pytest.mark.parametrize(
+    ("kind", "key"), [("mobile", sensors.PATH_KEY), ("reverb", sensors.RECEIVER_KEY)]
+)
+def test_a_path_or_receiver_goes_with_its_sensor_unless_a_copy_has_it_too(room, kind, key):
     before = counts()
-    press("add_sensor", kind="mobile")
+    press("add_sensor", kind=kind)
     obj = bpy.context.view_layer.objects.active
     copy = obj.copy()
     sensors.home_of(bpy.context.scene).objects.link(copy)
     press("remove_sensor")
-    assert sensors._held(copy, sensors.PATH_KEY).name in bpy.data.objects
+    assert sensors._held(copy, key).name in bpy.data.objects
     bpy.context.view_layer.objects.active = copy
     press("remove_sensor")
     assert counts()["objects"] == before["objects"]

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import add_collection, link
 from ui.pressing import add_cube, press
 
 from forest_addon.blender.scene.layout import TREES, find_part, grove, part, root
@@ -51,14 +52,22 @@ def rays(obj):
     return pulses.origin, pulses.direction
 
 
-def added(which):
-    add_cube().scale = (20, 30, 5)
+def added(which, **settings):
     press("add_sensor", kind=which)
-    return bpy.context.view_layer.objects.active
+    obj = bpy.context.view_layer.objects.active
+    for name, value in settings.items():
+        setattr(getattr(obj.forest_sensor, which), name, value)
+    return obj
+
+
+@pytest.fixture
+def wide(props):
+    """Something to sense, over which paths lead."""
+    add_cube().scale = (20, 30, 5)
 
 
 @pytest.mark.parametrize("which", STARTS)
-def test_rays_move_and_turn_with_what_a_hand_may_move(props, which):
+def test_rays_move_and_turn_with_what_a_hand_may_move(wide, which):
     """The object itself; of a drone and a vehicle, which are locked, the curve that the panel points to."""
     obj = added(which)
     if kind_of(obj) == "mobile":
@@ -81,7 +90,7 @@ def test_rays_move_and_turn_with_what_a_hand_may_move(props, which):
 
 
 @pytest.mark.parametrize("which", ["sonar", "reverb"])
-def test_what_may_look_up_does(props, which):
+def test_what_may_look_up_does(wide, which):
     obj = added(which)
     _, way = rays(obj)
     axis = 1 if which == "sonar" else 0
@@ -92,12 +101,11 @@ def test_what_may_look_up_does(props, which):
 
 
 @pytest.mark.parametrize("which", STARTS)
-def test_a_parent_moves_and_turns_it_too(props, which):
+def test_a_parent_moves_and_turns_it_too(wide, which):
     """Locks are for hands; a parent, a constraint or a key moves what hands may move."""
     obj = added(which)
     held = obj.get(PATH_KEY, obj)
-    carrier = bpy.data.objects.new("carrier", None)
-    bpy.context.scene.collection.objects.link(carrier)
+    carrier = link("carrier")
     held.parent = carrier
     bpy.context.view_layer.update()
     origin, way = rays(obj)
@@ -110,14 +118,14 @@ def test_a_parent_moves_and_turns_it_too(props, which):
 
 
 @pytest.mark.parametrize("which", STARTS)
-def test_where_a_turn_has_no_effect_the_panel_says_why(props, which):
+def test_where_a_turn_has_no_effect_the_panel_says_why(wide, which):
     obj = added(which)
     kind = kind_of(obj)
     if len(KINDS[kind].turns) < 3 or kind == "reverb":
         assert KINDS[kind].fixed(getattr(obj.forest_sensor, kind))
 
 
-def test_a_bat_that_follows_says_so(props):
+def test_a_bat_that_follows_says_so(wide):
     obj, other = added("sonar"), bpy.data.objects["cube"]
     settings = obj.forest_sensor.sonar
     settings.follow = other.name
@@ -139,14 +147,6 @@ def scene(props):
     return props.id_data
 
 
-def anywhere_added(kind, **settings):
-    press("add_sensor", kind=kind)
-    obj = bpy.context.view_layer.objects.active
-    for name, value in settings.items():
-        setattr(getattr(obj.forest_sensor, kind), name, value)
-    return obj
-
-
 def send(obj, home):
     for old in list(obj.users_collection):
         old.objects.unlink(obj)
@@ -155,9 +155,8 @@ def send(obj, home):
 
 
 def test_in_any_collection_it_is_listed_chosen_and_removed(scene):
-    obj = anywhere_added("terrestrial")
-    own = bpy.data.collections.new("instruments")
-    scene.collection.children.link(own)
+    obj = added("terrestrial")
+    own = add_collection("instruments")
     for home in (own, scene.collection, part(scene, TREES), grove(scene, "oak")):
         send(obj, home)
         assert sensors.sensors_of(scene) == [obj]
@@ -165,7 +164,7 @@ def test_in_any_collection_it_is_listed_chosen_and_removed(scene):
         assert chosen_sensor(bpy.context) == obj
         listed = sensors.home_of(scene).objects
         assert listed[scene.forest_sensing.active_sensor] == obj
-    other = anywhere_added("sonar")
+    other = added("sonar")
     scene.forest_sensing.active_sensor = list(sensors.home_of(scene).objects).index(obj)
     assert chosen_sensor(bpy.context) == obj
     assert [s.kind for s in exchange.to_spec(scene).sensors] == ["sonar", "terrestrial"]
@@ -178,7 +177,7 @@ def test_among_many_trees_it_is_seen_as_it_comes_and_goes(scene):
     for _ in range(12):
         oaks.objects.link(bpy.data.objects.new("oak", None))
     assert sensors.sensors_of(scene) == []
-    obj = anywhere_added("terrestrial")
+    obj = added("terrestrial")
     send(obj, oaks)
     assert sensors.sensors_of(scene) == [obj]
     copy = obj.copy()
@@ -192,7 +191,7 @@ def test_among_many_trees_it_is_seen_as_it_comes_and_goes(scene):
 
 def saved(tmp_path, kind, **settings):
     """A file with one sensor, and the sensor's name."""
-    obj = anywhere_added(kind, **settings)
+    obj = added(kind, **settings)
     name = obj.name
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "field.blend"))
     bpy.ops.wm.read_homefile(app_template="", use_empty=True)
@@ -248,7 +247,7 @@ def test_a_linked_sensor_is_adopted(scene, tmp_path):
 
 
 def test_one_of_another_scenes_forest_is_copied(scene):
-    obj = anywhere_added("terrestrial")
+    obj = added("terrestrial")
     other = bpy.data.scenes.new("other")
     part(other, "Sensors")
     other.collection.children.link(root(scene))  # shown there, too

@@ -12,6 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from references.model_tree import tree
+from references.scenes import reopened
 
 from forest_addon import spec, ui
 from forest_addon.base.places import ASSETS
@@ -219,9 +220,7 @@ def test_an_exported_scene_takes_edited_species_along(planting, tmp_path):
 def test_edited_species_travel_in_the_file(planting, tmp_path):
     bpy.ops.forest.edit_species()
     wanted = edited(planting)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    reopened(tmp_path / "a.blend")
     props = bpy.context.scene.forest_sensing
     assert edited(props.plantings[0]) == wanted
 
