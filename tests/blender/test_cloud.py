@@ -37,7 +37,7 @@ from forest_addon.spec import Grammar, Look, Rays, SpecError, Species
 bpy = pytest.importorskip("bpy")
 
 from references.rays import BruteCaster, ground, scene_with, wall
-from references.scenes import add_collection, link, reopened
+from references.scenes import add_collection, add_mesh, reopened, values
 from scipy.io import wavfile
 
 from forest_addon.blender.scene.layout import COLOUR_BY, COLOUR_MAP, SHARE
@@ -68,38 +68,26 @@ def cloud():
     return scan(scanner, BruteCaster(scene_with(ground(), wall(9.0, half=3.0))))
 
 
-def values(owner, name, key, width=1):
-    attribute = owner.attributes[name]
-    dtype = np.int32 if attribute.data_type == "INT" else np.float32
-    out = np.empty(width * len(attribute.data), dtype=dtype)
-    attribute.data.foreach_get(key, out)
-    return out.reshape(-1, width) if width > 1 else out
-
-
 def shown(obj):
     """Colours of the evaluated points."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     depsgraph.update()
     geometry = obj.evaluated_get(depsgraph).evaluated_geometry()  # owns the points
-    return values(geometry.pointcloud, "colour", "color", 4)
+    return values(geometry.pointcloud, "colour")
 
 
 def test_every_value_of_a_return_is_an_attribute(empty_blender, cloud):
     mesh = show_cloud(bpy.context.scene.collection, "a", cloud).data
-    assert values(mesh, "position", "vector", 3) == pytest.approx(
-        cloud.position, rel=1e-6, abs=1e-6
-    )
-    assert values(mesh, "surface_normal", "vector", 3) == pytest.approx(cloud.returns.normal)
-    assert (values(mesh, "return_number", "value") == cloud.number).all()
-    assert (values(mesh, "number_of_returns", "value") == cloud.count).all()
-    assert (values(mesh, "tree", "value") == cloud.returns.tree).all()
-    assert (values(mesh, "object", "value") == cloud.returns.instance).all()
-    assert (values(mesh, "pulse", "value") == cloud.pulse).all()
-    assert values(mesh, "true_range", "value") == pytest.approx(cloud.true_range, rel=1e-6)
-    assert values(mesh, "intensity", "value") == pytest.approx(cloud.intensity, rel=1e-6)
-    assert np.cos(values(mesh, "incidence", "value")) == pytest.approx(
-        cloud.returns.cos_incidence, abs=1e-6
-    )
+    assert values(mesh, "position") == pytest.approx(cloud.position, rel=1e-6, abs=1e-6)
+    assert values(mesh, "surface_normal") == pytest.approx(cloud.returns.normal)
+    assert (values(mesh, "return_number") == cloud.number).all()
+    assert (values(mesh, "number_of_returns") == cloud.count).all()
+    assert (values(mesh, "tree") == cloud.returns.tree).all()
+    assert (values(mesh, "object") == cloud.returns.instance).all()
+    assert (values(mesh, "pulse") == cloud.pulse).all()
+    assert values(mesh, "true_range") == pytest.approx(cloud.true_range, rel=1e-6)
+    assert values(mesh, "intensity") == pytest.approx(cloud.intensity, rel=1e-6)
+    assert np.cos(values(mesh, "incidence")) == pytest.approx(cloud.returns.cos_incidence, abs=1e-6)
 
 
 @pytest.mark.medium
@@ -251,12 +239,10 @@ def shaded_wall(empty_blender):
     """A red wall of 4 m by 4 m that faces the camera, on nothing; the sun stands behind the camera."""
     scene = bpy.context.scene
     set_stage(scene, (WIDE, TALL))
-    data = bpy.data.meshes.new("wall")
-    data.from_pydata([(-2, 0, 0), (2, 0, 0), (2, 0, 4), (-2, 0, 4)], [], [(0, 1, 2, 3)])
+    obj = add_mesh("wall", [(-2, 0, 0), (2, 0, 0), (2, 0, 4), (-2, 0, 4)], (0, 1, 2, 3))
     paint = bpy.data.materials.new("red")
     paint.diffuse_color = (0.5, 0.02, 0.02, 1.0)
-    data.materials.append(paint)
-    link("wall", data)
+    obj.data.materials.append(paint)
     camera, sun = scene.camera, scene.objects[SUN]
     camera.location, camera.rotation_euler = (0, -10, 2), (np.pi / 2, 0, 0)
     sun.rotation_euler = (np.pi / 4, 0, 0)  # 45 degrees high, in the south
@@ -372,8 +358,7 @@ def birch():
 
 
 def test_bark_is_seen_from_a_metre(birch):
-    species, tree = birch
-    view = SHOTS["bark"](species, tree)
+    view = SHOTS["bark"](*birch)
     assert np.hypot(*view.eye[:2]) == pytest.approx(1.1, abs=0.15)
     assert np.linalg.norm(view.eye - view.target) == pytest.approx(1.0, abs=0.01)
 

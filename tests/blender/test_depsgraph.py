@@ -14,7 +14,7 @@ from forest_addon.spec import Grammar, Species
 
 bpy = pytest.importorskip("bpy")
 
-from references.scenes import add_collection, link, reopened
+from references.scenes import add_collection, keyed, link, reopened
 
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.blender.rays.bvh import BvhCaster
@@ -134,7 +134,7 @@ def test_instances_share_one_mesh_and_carry_their_tree(empty_blender):
 
 def test_collection_instances_are_seen_where_they_stand(empty_blender):
     library = bpy.data.collections.new("library")
-    library.objects.link(bpy.data.objects.new("leaf", to_mesh("leaf", quad(0, LEAF, 0))))
+    link("leaf", to_mesh("leaf", quad(0, LEAF, 0)), library)
     for x in (0.0, 3.0):
         holder = link("tree")
         holder.instance_type, holder.instance_collection = "COLLECTION", library
@@ -310,7 +310,7 @@ def test_hidden_objects_are_left_out(empty_blender):
     add(quad(0, WOOD)).hide_viewport = True
     add(quad(1, WOOD)).hide_set(True)
     apart = add_collection("apart")
-    apart.objects.link(bpy.data.objects.new("far", to_mesh("far", quad(2, WOOD))))
+    link("far", to_mesh("far", quad(2, WOOD)), apart)
     assert len(read()) == 1
     bpy.context.view_layer.layer_collection.children["apart"].exclude = True
     assert len(read()) == 0
@@ -364,10 +364,7 @@ def changes(obj):
     """Everything a user does to a scene, one at a time."""
 
     def animate():
-        obj.location.x = 7
-        obj.keyframe_insert("location", frame=1)
-        obj.location.x = 9
-        obj.keyframe_insert("location", frame=10)
+        keyed(obj, "location", {1: (7, 0, 0), 10: (9, 0, 0)})
         bpy.context.scene.frame_set(1)
 
     yield lambda: setattr(obj.location, "x", 1.5)
@@ -592,9 +589,7 @@ def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):
 
 def test_order_and_texture_arrive_in_blender(empty_blender, tree):
     data = to_mesh("tree", tree)
-    order = np.empty(len(data.polygons), dtype=np.int8)
-    data.attributes["order"].data.foreach_get("value", order)
-    assert np.array_equal(order, tree.order)
+    assert [one.value for one in data.attributes["order"].data] == tree.order.tolist()
     uv = np.empty(2 * len(data.loops), dtype=np.float32)
     data.uv_layers["UVMap"].data.foreach_get("uv", uv)
     assert np.array_equal(uv, tree.uv.ravel())

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from references.scenes import add_collection, add_mesh
+from references.scenes import add_collection, add_mesh, link
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
@@ -36,24 +36,16 @@ def depsgraph():
     return bpy.context.evaluated_depsgraph_get()
 
 
-def add(name, corners, faces, home=None):
-    data = bpy.data.meshes.new(name)
-    data.from_pydata(corners, [], faces)
-    obj = bpy.data.objects.new(name, data)
-    (home or bpy.context.scene.collection).objects.link(obj)
-    return obj
-
-
 def slab(name, z, low=0.0, high=10.0):
     corners = [(low, low, z), (high, low, z), (high, high, z), (low, high, z)]
-    return add(name, corners, [(0, 1, 2, 3)])
+    return add_mesh(name, corners, (0, 1, 2, 3))
 
 
 # ------------------------------------------------------------------------------------------ terrain
 
 
 def test_a_moved_turned_object_is_terrain_where_it_stands(empty_blender):
-    obj = add("hill", [(0, 0, 0), (8, 0, 0), (0, 8, 4)], [(0, 1, 2)])  # z = y / 2
+    obj = add_mesh("hill", [(0, 0, 0), (8, 0, 0), (0, 8, 4)], (0, 1, 2))  # z = y / 2
     obj.location, obj.rotation_euler = (100, 200, 5), (0, 0, np.pi / 2)
     ground = read_terrain("hill", depsgraph())
     inside = np.array([[99.0, 201.0], [96.0, 203.0]])  # local y is 100 - x
@@ -72,7 +64,7 @@ def test_modifiers_of_the_terrain_count(empty_blender):
 def test_the_topmost_surface_counts_below_an_overhang(empty_blender):
     corners = [(0, 0, 1), (10, 0, 1), (10, 10, 1), (0, 10, 1)]
     roof = [(0, 0, 6), (5, 0, 6), (5, 10, 6), (0, 10, 6)]
-    add("cliff", corners + roof, [(0, 1, 2, 3), (4, 5, 6, 7)])
+    add_mesh("cliff", corners + roof, (0, 1, 2, 3), (4, 5, 6, 7))
     ground = read_terrain("cliff", depsgraph())
     assert ground.height(np.array([[2.0, 5.0], [8.0, 5.0]])).tolist() == [6, 1]
 
@@ -93,7 +85,7 @@ def forest_on(name, **changes):
 def test_no_tree_stands_over_a_hole_and_the_missing_are_counted(empty_blender):
     strip = [(0, 0, 2), (10, 0, 2), (10, 4, 2), (0, 4, 2)]
     other = [(0, 6, 2), (10, 6, 2), (10, 10, 2), (0, 10, 2)]
-    add("strips", strip + other, [(0, 1, 2, 3), (4, 5, 6, 7)])
+    add_mesh("strips", strip + other, (0, 1, 2, 3), (4, 5, 6, 7))
     _, _, forest = forest_on("strips")
     y = forest.stand.position[:, 1]
     assert not ((y > 4) & (y < 6)).any()
@@ -106,7 +98,7 @@ def test_no_tree_stands_over_a_hole_and_the_missing_are_counted(empty_blender):
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_on_a_slope_no_gap_shows_under_a_trunk(empty_blender, instancing):
     """Rays along the slope, just above it, meet the foot of every tree before they could pass below."""
-    obj = add("slope", [(0, 0, 0), (10, 0, 6), (10, 10, 6), (0, 10, 0)], [(0, 1, 2, 3)])
+    obj = add_mesh("slope", [(0, 0, 0), (10, 0, 6), (10, 10, 6), (0, 10, 0)], (0, 1, 2, 3))
     settings, inputs, forest = forest_on("slope", instancing=instancing)
     build(bpy.context.scene, settings, forest, inputs.terrain)
     assert obj.name in bpy.context.scene.objects
@@ -133,24 +125,13 @@ def test_on_a_slope_no_gap_shows_under_a_trunk(empty_blender, instancing):
 
 
 def test_a_ground_that_we_made_and_that_is_named_as_terrain_stays(empty_blender):
-    settings, _, forest = forest_on_flat()
+    settings, _, forest = forest_on("")
     build(bpy.context.scene, settings, forest)
-    named = "Ground"
-    settings, inputs, forest = forest_on(named)
+    settings, inputs, forest = forest_on("Ground")
     for _ in range(2):
         build(bpy.context.scene, settings, forest, inputs.terrain)
-        assert named in bpy.data.objects
+        assert "Ground" in bpy.data.objects
         assert len(part(bpy.context.scene, GROUND_NAME).objects) == 1
-
-
-def forest_on_flat():
-    settings = spec.Scene(
-        seed=5,
-        forest=spec.Forest(size=(10.0, 10.0), margin=3.0),
-        plantings=(spec.Planting(species="abop-monopodial-a", variants=1, expected=2),),
-    )
-    species = load_species(ASSETS / "species" / "abop-monopodial-a.toml")
-    return settings, None, grow_forest(settings, [species])
 
 
 def test_a_heightmap_becomes_a_ground_with_a_margin(empty_blender):
@@ -172,12 +153,8 @@ def test_a_heightmap_becomes_a_ground_with_a_margin(empty_blender):
 # ------------------------------------------------------------------------------------------- weights
 
 
-def painted_square():
-    return slab("field", 0.0)
-
-
 def test_a_vertex_group_is_read_by_name_or_as_the_active_one(empty_blender):
-    obj = painted_square()
+    obj = slab("field", 0.0)
     for name, weight in (("oaks", 0.5), ("ash", 1.0)):
         group = obj.vertex_groups.new(name=name)
         group.add([1, 2], weight, "REPLACE")
@@ -199,7 +176,7 @@ def test_a_vertex_group_is_read_by_name_or_as_the_active_one(empty_blender):
     ],
 )
 def test_attributes_of_every_kind_weigh(empty_blender, kind, domain, key, values, expected):
-    obj = painted_square()
+    obj = slab("field", 0.0)
     attribute = obj.data.attributes.new("w", kind, domain)
     attribute.data.foreach_set(key, np.ravel(values))
     painted = read_painted("field:w", depsgraph())
@@ -214,7 +191,7 @@ def test_attributes_of_every_kind_weigh(empty_blender, kind, domain, key, values
 
 
 def test_a_name_with_a_colon_is_an_object_where_there_is_one(empty_blender):
-    obj = painted_square()
+    obj = slab("field", 0.0)
     obj.name = "site: north"
     obj.vertex_groups.new(name="w").add([0], 1.0, "REPLACE")
     assert read_painted("site: north", depsgraph()).weight.tolist() == [1, 0, 0, 0]
@@ -223,7 +200,7 @@ def test_a_name_with_a_colon_is_an_object_where_there_is_one(empty_blender):
 
 @pytest.mark.medium
 def test_trees_stand_where_it_is_painted(empty_blender):
-    obj = painted_square()
+    obj = slab("field", 0.0)
     obj.location = (20, 0, 0)
     obj.vertex_groups.new(name="w").add([1, 2], 1.0, "REPLACE")  # grows along x
     settings = spec.Scene(
@@ -247,10 +224,9 @@ def test_trees_stand_where_it_is_painted(empty_blender):
 def test_objects_say_where_trees_stand(empty_blender):
     home = add_collection("surveyed")
     for number, (x, size) in enumerate([(1, 1.0), (5, 2.0), (7, 0.5)]):
-        peg = bpy.data.objects.new(f"peg {number}", None)
+        peg = link(f"peg {number}", home=home)
         peg.location, peg.scale = (x, 2, 3), (size,) * 3
         peg.rotation_euler = (0, 0, 0.1 * number)
-        home.objects.link(peg)
     found = read_places("surveyed", depsgraph())
     assert found.position.tolist() == [[1, 2, 3], [5, 2, 3], [7, 2, 3]]
     assert found.scale == pytest.approx([1, 2, 0.5])
@@ -266,10 +242,7 @@ def test_objects_say_where_trees_stand(empty_blender):
 
 
 def test_a_mirrored_peg_is_refused(empty_blender):
-    home = add_collection("surveyed")
-    peg = bpy.data.objects.new("left", None)
-    peg.scale.x = -1
-    home.objects.link(peg)
+    link("left", home=add_collection("surveyed")).scale.x = -1
     with pytest.raises(SpecError, match='"left" is mirrored'):
         read_places("surveyed", depsgraph())
 
@@ -286,8 +259,8 @@ def test_a_mirrored_peg_is_refused(empty_blender):
     ],
 )
 def test_what_is_not_there_is_named_with_what_is(empty_blender, ask, words):
-    painted_square()
-    add("edge", [(0, 0, 0), (1, 0, 0), (0, 0, 1)], [(0, 1, 2)])
+    slab("field", 0.0)
+    add_mesh("edge", [(0, 0, 0), (1, 0, 0), (0, 0, 1)], (0, 1, 2))
     with pytest.raises(SpecError, match=words):
         ask()
 
@@ -323,11 +296,6 @@ def read():
     return [array.tobytes() if isinstance(array, np.ndarray) else repr(array) for array in arrays]
 
 
-def rock():
-    """Objects that come before the ground by name, and so among instances."""
-    add_mesh("a rock", [(0, 0, 1), (1, 0, 1), (0, 1, 2)], (0, 1, 2))
-
-
 def test_views_show_a_quarter_of_the_field_around_it(empty_blender):
     low, high = box(plant())
     assert low == pytest.approx([5 - 9, -3 - 9, 0])
@@ -335,7 +303,8 @@ def test_views_show_a_quarter_of_the_field_around_it(empty_blender):
 
 
 def test_sensors_are_given_the_same_bytes_as_without_the_nodes(empty_blender):
-    rock()
+    # An object that comes before the ground by name, and so among instances.
+    add_mesh("a rock", [(0, 0, 1), (1, 0, 1), (0, 1, 2)], (0, 1, 2))
     ground = plant()
     with_nodes, shown = read(), box(ground)
     assert (box(ground)[1] == shown[1]).all()  # views are as they were

@@ -8,7 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from references.scenes import add_collection, link
+from references.scenes import add_collection, add_mesh, link
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
@@ -30,11 +30,9 @@ def library(name):
     home = add_collection(name)
     home.hide_viewport = True
     for number, size in enumerate(SIZES):
-        data = bpy.data.meshes.new("v")
-        data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, size)], [], [(0, 1, 2)])
-        obj = bpy.data.objects.new(f"{name} {number:03d}", data)
+        corners = [(0, 0, 0), (1, 0, 0), (0, 1, size)]
+        obj = add_mesh(f"{name} {number:03d}", corners, (0, 1, 2), home=home)
         obj.location = (50, 50, 50)  # where a variant itself is does not matter
-        home.objects.link(obj)
     return home
 
 

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from references.scenes import curves_of, link
+from references.scenes import curves_of, hide, keyed, link
 
 from forest_addon import api as forest
 from forest_addon.blender.sensors.moving import SceneFollower
@@ -29,26 +29,6 @@ FAN = forest.Terrestrial(
 )
 
 
-def keyed(obj, path, rows, frames, interpolation="LINEAR"):
-    """Keys of a property at frames; what lies beyond linear ones goes on evenly."""
-    for frame, row in zip(frames, rows, strict=True):
-        setattr(obj, path, row)
-        obj.keyframe_insert(path, frame=frame)
-    curves = curves_of(obj.id_data)
-    for curve in curves:
-        for point in curve.keyframe_points:
-            point.interpolation = interpolation
-        curve.extrapolation = "LINEAR" if interpolation == "LINEAR" else "CONSTANT"
-
-
-def hide(obj, frames):
-    """Key whether an object is hidden, from frames on."""
-    for frame, hidden in frames.items():
-        obj.hide_viewport = obj.hide_render = hidden
-        obj.keyframe_insert("hide_viewport", frame=frame)
-        obj.keyframe_insert("hide_render", frame=frame)
-
-
 def ways(cloud):
     """(N, 3) unit directions of the pulses of points."""
     level = np.cos(cloud.elevation)
@@ -68,7 +48,7 @@ def on_plate(result):
 
 def nearing():
     """The plate at x = FAR - SPEED t."""
-    keyed(bpy.data.objects["plate"], "location", [(FAR, 0, 0), (FAR - 4 * SPEED, 0, 0)], (1, LAST))
+    keyed(bpy.data.objects["plate"], "location", {1: (FAR, 0, 0), LAST: (FAR - 4 * SPEED, 0, 0)})
 
 
 @pytest.fixture
@@ -119,7 +99,7 @@ def on_a_hub(plate):
     """Children go along with their parent; Euler keys turn evenly about Z."""
     bpy.ops.object.empty_add(location=(FAR, 0, 0))
     plate.parent, plate.location = bpy.context.object, (0, 0, 0)
-    keyed(plate.parent, "rotation_euler", [(0, 0, 0), (0, 0, RATE * SECONDS)], (1, LAST))
+    keyed(plate.parent, "rotation_euler", {1: (0, 0, 0), LAST: (0, 0, RATE * SECONDS)})
 
 
 def on_a_bone(plate):
@@ -130,7 +110,7 @@ def on_a_bone(plate):
     plate.modifiers.new("Armature", "ARMATURE").object = frame
     bone = frame.pose.bones["Bone"]
     bone.rotation_mode = "XYZ"  # the bone's own Y is the world's Z
-    keyed(bone, "rotation_euler", [(0, 0, 0), (0, RATE * SECONDS, 0)], (1, LAST))
+    keyed(bone, "rotation_euler", {1: (0, 0, 0), LAST: (0, RATE * SECONDS, 0)})
 
 
 @pytest.mark.medium
@@ -209,7 +189,7 @@ def test_a_large_scan_goes_to_a_file_as_it_moves(scene, tmp_path):
 def test_places_never_fill_the_memory(scene, monkeypatch):
     """Two objects, 40 frames and more: halving ends early and is said, and too long a scan is refused."""
     plate = bpy.data.objects["plate"]
-    keyed(plate, "rotation_euler", [(0, 0, 0), (2.0, 3.0, 4.0)], (1, 97))
+    keyed(plate, "rotation_euler", {1: (0, 0, 0), 97: (2.0, 3.0, 4.0)})
     bytes_a_frame = 2 * 12 * 8
     frames = 1 + math.ceil(24 * 81 * 41 / FAN.pulse_rate)
     module = "forest_addon.blender.sensors.moving.MOST_BYTES"
@@ -225,7 +205,7 @@ def test_keys_that_were_changed_are_followed_anew(scene):
     """The frame that is shown is the same, so that nothing of the scene's shape changes."""
     plate, found = bpy.data.objects["plate"], []
     for end in (FAR, FAR - 4 * SPEED):
-        keyed(plate, "location", [(FAR, 0, 0), (end, 0, 0)], (1, 97))
+        keyed(plate, "location", {1: (FAR, 0, 0), 97: (end, 0, 0)})
         scene.frame_set(1)
         found.append(forest.current().scan(FAN).found.returns.distance.min())
     assert found[0] == pytest.approx(FAR, abs=0.1)
@@ -251,7 +231,7 @@ def test_a_ping_hears_a_plate_where_it_is_at_the_present_frame(scene):
     hub = link("hub")
     plate = bpy.data.objects["plate"]
     plate.parent = hub
-    keyed(hub, "location", [(0, 0, 0), (-4 * SPEED, 0, 0)], (1, 97))
+    keyed(hub, "location", {1: (0, 0, 0), 97: (-4 * SPEED, 0, 0)})
     scene.frame_set(49)
     result = forest.current().ping(PING)
     group, alpha = shifts(result, result.found)
@@ -272,9 +252,9 @@ def test_a_ping_hears_a_plate_where_it_is_at_the_present_frame(scene):
 def test_pings_along_what_is_followed_hear_the_scene_at_their_times(scene):
     speed = SPEED / 2
     bpy.data.objects.remove(bpy.data.objects["wall"])
-    keyed(bpy.data.objects["plate"], "location", [(FAR, 0, 0), (FAR - 4 * speed, 0, 0)], (1, 97))
+    keyed(bpy.data.objects["plate"], "location", {1: (FAR, 0, 0), 97: (FAR - 4 * speed, 0, 0)})
     bat = link("bat")
-    keyed(bat, "location", [(0, 0, 0), (4, 0, 0)], (1, 97))  # 1 m/s towards the plate
+    keyed(bat, "location", {1: (0, 0, 0), 97: (4, 0, 0)})  # 1 m/s towards the plate
     scene.frame_end = 97
     scene.frame_set(1)
     result = forest.current().ping(PING.changed(follow="bat", poses=5))
@@ -310,7 +290,7 @@ def eased(curve, frame):
 def test_what_eases_in_and_out_has_the_speed_of_the_time(scene):
     """Bezier keys: heard and flown at the speed of the ping's time, within what Blender's float32 tells."""
     plate = bpy.data.objects["plate"]
-    keyed(plate, "location", [(FAR, 0, 0), (FAR / 2, 0, 0)], (1, 49), "BEZIER")
+    keyed(plate, "location", {1: (FAR, 0, 0), 49: (FAR / 2, 0, 0)}, "BEZIER")
     curves = curves_of(plate)
     curve = next(c for c in curves if c.data_path == "location" and c.array_index == 0)
     for frame in (5, 33):
@@ -332,7 +312,7 @@ def test_what_bends_is_heard_at_its_own_speed(scene):
     key = plate.shape_key_add(name="out")
     for point in key.data:
         point.co.z += 1.0
-    keyed(key, "value", (0.0, 1.0), (1, 49), "BEZIER")
+    keyed(key, "value", {1: 0.0, 49: 1.0}, "BEZIER")
     now, after = [], []
     for frame, places in ((24, now), (26, after)):
         scene.frame_set(frame)
@@ -354,7 +334,7 @@ def test_the_audit_follows_a_call_in_pieces(scene):
     for name in ("wall", "plate"):
         bpy.data.objects.remove(bpy.data.objects[name])
     bpy.ops.mesh.primitive_cube_add(size=2, location=(FAR, 0, 0))
-    keyed(bpy.context.object, "rotation_euler", [(0, 0, 0.3), (0, 0, 4.3)], (1, 25))
+    keyed(bpy.context.object, "rotation_euler", {1: (0, 0, 0.3), 25: (0, 0, 4.3)})
     scene.frame_set(5)
     result = forest.current().ping(PING)
     assert 1 < result.found.moments <= 9
@@ -375,7 +355,7 @@ def tilted():
     key = plate.shape_key_add(name="tilted")
     for point in key.data:
         point.co.z += TILT * SECONDS * point.co.y
-    keyed(key, "value", (0.0, 1.0), (1, LAST))
+    keyed(key, "value", {1: 0.0, LAST: 1.0})
 
 
 @pytest.mark.medium
@@ -416,8 +396,8 @@ def test_engines_meet_the_same_where_a_net_waves(scene):
     net.rotation_euler = (0.2, math.pi / 2, 0)
     wave = net.modifiers.new("Wave", "WAVE")
     wave.height, wave.width, wave.narrowness, wave.speed = 0.3, 0.8, 1.5, 0.2
-    keyed(net, "location", [(FAR, 0, 0), (FAR - 3, 1, 0.5)], (1, LAST))
-    keyed(net, "rotation_euler", [(0.2, math.pi / 2, 0), (0.7, 1.2, 1)], (1, LAST))
+    keyed(net, "location", {1: (FAR, 0, 0), LAST: (FAR - 3, 1, 0.5)})
+    keyed(net, "rotation_euler", {1: (0.2, math.pi / 2, 0), LAST: (0.7, 1.2, 1)})
     scene.frame_set(1)
     one, other = (scan(engine) for engine in ENGINES)
     assert np.linalg.norm(one.motion["velocity"], axis=1).max() > 0.5
@@ -449,7 +429,7 @@ def test_other_triangles_are_met_from_their_frame_on(scene, engine):
     array = plate.modifiers.new("Array", "ARRAY")
     array.use_relative_offset, array.use_constant_offset = False, True
     array.constant_offset_displace = (0, 0, -FAR / 2)  # the plate's z is the world's x
-    keyed(array, "count", (1, 2), (1, 21), "CONSTANT")
+    keyed(array, "count", {1: 1, 21: 2}, "CONSTANT")
     scene.frame_set(1)
     result = scan(engine)
     cloud, way = result.found, ways(result.found)
@@ -555,8 +535,8 @@ def test_what_jumps_is_met_at_one_place_or_the_other(scene, engine):
     """Constant keys: nothing is met between the places, in no sixteenth of a frame."""
     plate = bpy.data.objects["plate"]
     plate.scale = (30, 30, 30)
-    places = [(FAR, 0, 0), (FAR - 4, 0, 0), (FAR + 2, 0, 0)]
-    keyed(plate, "location", places, (1, 8, 15), "CONSTANT")
+    places = {1: (FAR, 0, 0), 8: (FAR - 4, 0, 0), 15: (FAR + 2, 0, 0)}
+    keyed(plate, "location", places, "CONSTANT")
     scene.frame_set(1)
     result = scan(engine, FAN.changed(pulse_rate=24 * 16 * 8.0))  # eight in a sixteenth of a frame
     cloud = result.found
@@ -574,7 +554,7 @@ def test_mapped_time_is_that_of_the_scene_and_the_frame_stays(scene):
     scene.render.fps, scene.render.fps_base = 30, 1.001
     plate = bpy.data.objects["plate"]
     plate.scale = (3, 3, 3)
-    keyed(plate, "location", [(FAR, 0, 0), (FAR - 6, 0, 0)], (1, 31))
+    keyed(plate, "location", {1: (FAR, 0, 0), 31: (FAR - 6, 0, 0)})
     scene.frame_set(7, subframe=0.25)
     result = scan(sensor=FEW)
     assert (scene.frame_current, scene.frame_subframe) == (7, 0.25)
@@ -593,7 +573,7 @@ def test_triangles_that_are_others_at_all_times_are_read_between_frames(scene):
     block.name = "block"
     bpy.ops.mesh.primitive_uv_sphere_add(segments=16, ring_count=8, radius=1.2)
     ball = bpy.context.object
-    keyed(ball, "location", [(FAR - 1.5, -2, 0), (FAR - 1.5, 2, 0)], (1, 12))
+    keyed(ball, "location", {1: (FAR - 1.5, -2, 0), 12: (FAR - 1.5, 2, 0)})
     ball.hide_viewport = True
     cut = block.modifiers.new("Boolean", "BOOLEAN")
     cut.object, cut.operation = ball, "DIFFERENCE"
@@ -613,7 +593,7 @@ def test_a_rotor_is_met_as_it_turns(scene, turns):
     would be, that turns the other way or less."""
     plate = bpy.data.objects["plate"]
     plate.scale, plate.rotation_euler = (1, 2, 1), (0, math.pi / 2, 0)
-    keyed(plate, "delta_rotation_euler", [(0, 0, 0), (0, 0, 2 * math.pi * turns * 100)], (1, 101))
+    keyed(plate, "delta_rotation_euler", {1: (0, 0, 0), 101: (0, 0, 2 * math.pi * turns * 100)})
     scene.frame_set(1)
     result = scan(sensor=FAN.changed(angle_step_deg=2.0, pulse_rate=2000.0))
     mine = on_plate(result)

@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from references.echoes import leaf_discs
-from references.scenes import curves_of, link
+from references.scenes import keyed, link
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
@@ -123,13 +123,8 @@ def test_truth_and_evaluated_leaves_agree(trees, grown):
 @pytest.mark.medium
 def test_speakers_empties_and_cameras_are_ends_where_they_are(trees):
     """Also one that follows another object; each channel as if its places were typed."""
-    scene = bpy.context.scene
-    boat = bpy.data.objects.new("Boat", bpy.data.speakers.new("Boat"))
-    ear, eye = (
-        bpy.data.objects.new(n, d) for n, d in (("Ear", None), ("Eye", bpy.data.cameras.new("E")))
-    )
-    for obj in (boat, ear, eye):
-        scene.collection.objects.link(obj)
+    boat = link("Boat", bpy.data.speakers.new("Boat"))
+    ear, eye = link("Ear"), link("Eye", bpy.data.cameras.new("E"))
     boat.location, ear.location, eye.location = (-4, 2, 0.25), (8, 2, 0.25), (1, 0, 0.125)
     eye.parent = ear
     bpy.context.view_layer.update()
@@ -181,8 +176,7 @@ def curve(points, name="Way", closed=False):
     spline.points.add(len(points) - 1)
     spline.points.foreach_set("co", [x for p in points for x in (*p, 1.0)])
     spline.use_cyclic_u = closed
-    obj = link(name, data)
-    return obj
+    return link(name, data)
 
 
 def test_a_curve_is_followed_in_the_world(empty_blender):
@@ -195,6 +189,12 @@ def test_a_curve_is_followed_in_the_world(empty_blender):
     where, attitude = path.at(np.array([0.0, 1.5, 3.5]))
     assert where == pytest.approx(np.array([[10, 0, 5], [13, 0, 5], [13, 4, 5]]), abs=1e-6)
     assert attitude.apply([1, 0, 0])[2] == pytest.approx([0, 1, 0], abs=1e-6)
+    poses = Observer.way(Sonar(follow="Way", poses=8, speed=2.0))
+    assert poses.position[[0, 3, 7]] == pytest.approx(where, abs=1e-5)
+    assert poses.frames[1, 0] == pytest.approx([1, 0, 0], abs=1e-6)
+    assert poses.velocity[7] == pytest.approx([0, 2, 0], abs=1e-6)
+    aside = Observer.way(Sonar(follow="Way", poses=3, azimuth_deg=90.0))
+    assert aside.frames[0, 0] == pytest.approx([0, 1, 0], abs=1e-6)
 
 
 def test_a_closed_curve_comes_back(empty_blender):
@@ -212,28 +212,6 @@ def test_a_bezier_circle_has_its_length(empty_blender):
     points = curve_points(bpy.context.object)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     assert length == pytest.approx(2 * np.pi * 5, rel=1e-3)
-
-
-def test_an_object_is_followed_frame_by_frame_also_through_its_parent(empty_blender):
-    scene = bpy.context.scene
-    scene.frame_start, scene.frame_end, scene.render.fps = 1, 26, 25
-    scene.frame_set(7)
-    carrier, head = (bpy.data.objects.new(n, None) for n in ("carrier", "head"))
-    for obj in (carrier, head):
-        scene.collection.objects.link(obj)
-    head.parent = carrier
-    head.location, head.scale = (0, 0, 2), (3, 3, 3)
-    for frame, x in ((1, 0.0), (26, 10.0)):
-        carrier.location = (x, 0, 0)
-        carrier.rotation_euler = (0, 0, np.pi / 2)
-        carrier.keyframe_insert("location", frame=frame)
-        carrier.keyframe_insert("rotation_euler", frame=frame)
-    path = Observer.way(Mobile(follow="head"))
-    assert path.duration == pytest.approx(1.0)
-    where, attitude = path.at(np.array([0.0, 1.0]))
-    assert where == pytest.approx(np.array([[0, 0, 2], [10, 0, 2]]), abs=1e-5)
-    assert attitude.apply([1, 0, 0])[0] == pytest.approx([0, 1, 0], abs=1e-6)
-    assert scene.frame_current == 7
 
 
 def test_a_scan_along_a_curve_sees_the_wall_beside_it(empty_blender):
@@ -277,14 +255,8 @@ def bat(empty_blender):
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end, scene.render.fps = 1, 25, 24
     obj = link("Bat")
-    for frame, y, turn in ((1, 0.0, 0.0), (25, 4.0, math.pi / 2)):
-        obj.location, obj.rotation_euler = (1, y, 2), (0, 0, turn)
-        obj.keyframe_insert("location", frame=frame)
-        obj.keyframe_insert("rotation_euler", frame=frame)
-    for curve in curves_of(obj):
-        for point in curve.keyframe_points:
-            point.interpolation = "LINEAR"
-        curve.extrapolation = "LINEAR"
+    keyed(obj, "location", {1: (1, 0, 2), 25: (1, 4, 2)})
+    keyed(obj, "rotation_euler", {1: (0, 0, 0), 25: (0, 0, math.pi / 2)})
     return obj
 
 
@@ -302,23 +274,16 @@ def test_an_animated_object_over_the_frames(bat):
 
 def test_a_child_moves_with_its_parent(bat):
     child = link("Nose")
-    child.parent, child.location = bat, (0.5, 0, 0)
-    poses = Observer.way(Sonar(follow="Nose", poses=2))
-    np.testing.assert_allclose(poses.position[0], [1.5, 0, 2], atol=1e-6)
-    np.testing.assert_allclose(poses.position[1], [1.0, 4.5, 2], atol=1e-5)
-
-
-def test_along_a_curve(empty_blender):
-    obj = curve([(0, 0, 0), (3, 0, 0), (3, 3, 0)])
-    obj.location = (0, 0, 5)
-    bpy.context.view_layer.update()
-    poses = Observer.way(Sonar(follow="Way", poses=5, speed=2.0))
-    expected = [[0, 0, 5], [1.5, 0, 5], [3, 0, 5], [3, 1.5, 5], [3, 3, 5]]
-    np.testing.assert_allclose(poses.position, expected, atol=1e-5)
-    np.testing.assert_allclose(poses.frames[1, 0], [1, 0, 0], atol=1e-6)
-    np.testing.assert_allclose(poses.velocity[4], [0, 2, 0], atol=1e-6)
-    aside = Observer.way(Sonar(follow="Way", poses=3, azimuth_deg=90.0))
-    np.testing.assert_allclose(aside.frames[0, 0], [0, 1, 0], atol=1e-6)
+    child.parent, child.location, child.scale = bat, (0.5, 0, 0), (3, 3, 3)
+    bpy.context.scene.frame_set(7)
+    expected = np.array([[1.5, 0, 2], [1.0, 4.5, 2]])
+    poses, path = Observer.way(Sonar(follow="Nose", poses=2)), Observer.way(Mobile(follow="Nose"))
+    assert poses.position == pytest.approx(expected, abs=1e-5)
+    assert path.duration == pytest.approx(1.0)
+    where, attitude = path.at(np.array([0.0, 1.0]))
+    assert where == pytest.approx(expected, abs=1e-5)
+    assert attitude.apply([1, 0, 0]) == pytest.approx(np.eye(3)[:2], abs=1e-6)
+    assert bpy.context.scene.frame_current == 7
 
 
 def test_a_sonar_flies_where_a_scanner_drives_whatever_is_drawn_around_the_curve(empty_blender):

@@ -8,6 +8,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.scenes import hide, keyed
+
 from forest_addon import api as forest
 from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.base.vectors import beside_segments
@@ -309,9 +311,7 @@ def test_trees_sway_and_a_plate_nears_for_one_ping():
     world = built(AUDITED)
     bpy.ops.mesh.primitive_plane_add(size=0.5, location=(2, 0, 2), rotation=(0, np.pi / 2, 0))
     plate = bpy.context.object
-    for frame, x in ((1, 2.0), (49, 6.0)):
-        plate.location.x = x
-        plate.keyframe_insert("location", frame=frame)
+    keyed(plate, "location", {1: (2, 0, 2), 49: (6, 0, 2)})
     bpy.context.scene.frame_set(13)
     result = world.ping(bat)
     names = np.array(world.objects)
@@ -336,10 +336,7 @@ def test_what_comes_back_among_swaying_trees_is_met_again():
     world = built(AUDITED)
     bpy.ops.mesh.primitive_ico_sphere_add(radius=1.0, location=SCAN.position)
     shell = bpy.context.object
-    for frame, hidden in ((1, False), (5, True), (9, False), (13, True)):
-        shell.hide_viewport = shell.hide_render = hidden
-        shell.keyframe_insert("hide_viewport", frame=frame)
-        shell.keyframe_insert("hide_render", frame=frame)
+    hide(shell, {1: False, 5: True, 9: False, 13: True})
     bpy.context.scene.frame_set(1)
     result = world.scan(SCAN.changed(angle_step_deg=3.0, motion=True))
     ours = np.array(world.objects)[result.labels["object"]] == shell.name

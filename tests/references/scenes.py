@@ -38,7 +38,7 @@ def values(data, name):
     return out.reshape(-1, width) if width > 1 else out
 
 
-def keyed(obj, path, places, interpolation="BEZIER"):
+def keyed(obj, path, places, interpolation="LINEAR"):
     """Keys of a property by frame; what lies beyond linear ones goes on evenly."""
     for frame, place in places.items():
         setattr(obj, path, place)
@@ -47,6 +47,12 @@ def keyed(obj, path, places, interpolation="BEZIER"):
         for point in curve.keyframe_points:
             point.interpolation = interpolation
         curve.extrapolation = "LINEAR" if interpolation == "LINEAR" else "CONSTANT"
+
+
+def hide(obj, frames):
+    """Key whether an object is hidden, from frames on."""
+    for path in ("hide_viewport", "hide_render"):
+        keyed(obj, path, frames, "CONSTANT")
 
 
 def curves_of(obj):

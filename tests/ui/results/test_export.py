@@ -192,7 +192,7 @@ def test_species_have_their_names_and_class_stays_as_it_was(ran, tmp_path):
 @pytest.fixture
 def moving(props, sensor):
     """A scanner, and a cube that goes 1 m along X in every frame."""
-    keyed(add_cube(), "location", {1: (1, 0, 0), 3: (3, 0, 0)}, "LINEAR")
+    keyed(add_cube(), "location", {1: (1, 0, 0), 3: (3, 0, 0)})
     sensor("terrestrial", name="cloud", position=(2, -5, 0.5), angle_step_deg=2)
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 3
