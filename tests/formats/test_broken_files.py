@@ -367,33 +367,6 @@ def test_a_number_of_five_thousand_digits_is_named_by_its_key(number, tmp_path):
     assert "set_int_max_str_digits" not in refused
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
-        b"{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4\0), }",
-        b"{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), '",
-        b"{'descr': '<f8\x01', 'fortran_order': False, 'shape': (3, 4), }",
-        b"{'descr': ('<f8', 'fortran_order': False, 'shape': (3, 4), }",
-        b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999, 99999999), }",
-        b"(" * 9000,
-    ],
-)
-def test_headers_of_arrays_that_numpy_trips_over(header, tmp_path):
-    path = tmp_path / "a.npy"
-    path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(96))
-    _, refused = outcome(read_raster, path)
-    assert "a.npy" in refused
-
-
-def test_a_species_whose_solid_cannot_be_used(tmp_path):
-    """Not only the file itself: what it names is broken."""
-    (tmp_path / "wood.stl").write_bytes(b"solid \xff\xfe")
-    path = tmp_path / "a.toml"
-    path.write_text('name = "a"\n[template]\nwood = "wood.stl"\n[rules]\n')
-    _, refused = outcome(load_species, path)
-    assert "a.toml" in refused
-
-
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such files")
 @pytest.mark.parametrize("kind", READERS)
 def test_what_has_no_end_is_not_read(tmp_path, kind):

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
-from forest_addon.formats.glb import EXTENSION, Copies, instance_nodes, read_glb, write_glb
+from forest_addon.formats.glb import EXTENSION, Copies, instance_nodes, write_glb
 from forest_addon.growth.library import load_species
 from forest_addon.results.coordinates import Offset
 from forest_addon.results.kinds import RESULTS, write_as
@@ -271,22 +271,6 @@ def test_a_number_that_float32_does_not_hold_is_refused(tmp_path):
     large = Copies("oak", transforms(1), {"_TREE": np.array([2**24 + 1])})
     with pytest.raises(ValueError, match="_TREE has numbers above"):
         instance_nodes(tmp_path / "x.glb", {"a": large})
-
-
-@pytest.mark.parametrize(
-    "raw",
-    [
-        b"",
-        b"glTF",
-        struct.pack("<4sII", b"glTF", 1, 20) + bytes(8),
-        struct.pack("<4sII", b"glTF", 2, 20) + struct.pack("<II", 0, 7),
-        b"\x89PNG" + bytes(40),
-    ],
-)
-def test_what_is_no_glb_is_refused(tmp_path, raw):
-    (tmp_path / "x.glb").write_bytes(raw)
-    with pytest.raises(ValueError, match=r"x\.glb"):
-        read_glb(tmp_path / "x.glb")
 
 
 # ----------------------------------------------------------------------------------------------- qsm

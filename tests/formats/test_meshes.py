@@ -14,7 +14,7 @@ from PIL import Image
 
 from forest_addon.base.rng import stream
 from forest_addon.formats import raster_file
-from forest_addon.formats.helios.parts import read_materials, read_obj
+from forest_addon.formats.helios.parts import read_obj
 from forest_addon.formats.ply import read_surface
 from forest_addon.formats.raster_file import read_png, read_raster, write_png
 from forest_addon.formats.stl import StlError, StlWarning, read_stl, write_stl
@@ -41,12 +41,6 @@ def test_a_lost_material_file_is_said_and_others_of_its_line_are_read(tmp_path):
     assert found.notes[0].startswith("t.obj: its material file gone.mtl is not there")
 
 
-def test_a_corner_that_is_not_there_is_told_by_its_own_line(tmp_path):
-    (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 \\\n0 0\nf -1 -2 \\\n-3\n")
-    with pytest.raises(SpecError, match="line 5: a face has a corner that is not there"):
-        read_obj(tmp_path / "t.obj")
-
-
 @pytest.mark.parametrize(
     ("text", "encoding"),
     [
@@ -66,15 +60,6 @@ def test_what_blender_passes_over_in_an_obj_is_refused(tmp_path, text, encoding)
     for read in (read_obj, open_file, read_groups):
         with pytest.raises(SpecError, match=r"t\.obj"):
             read(tmp_path / "t.obj")
-
-
-@pytest.mark.parametrize("said", ["45", "1.01", "-0.1", "inf"])
-def test_reflectance_in_percent_is_refused(tmp_path, said):
-    (tmp_path / "a.mtl").write_text(f"newmtl bark\nhelios_reflectance {said}\n")
-    with pytest.raises(
-        SpecError, match=r"is no share from 0 to 1 of the light; write 45 % as 0.45"
-    ):
-        read_materials(tmp_path / "a.mtl")
 
 
 def obj(path, places, form):

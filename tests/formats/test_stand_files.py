@@ -406,27 +406,6 @@ def test_other_words_of_a_status_are_said_to_be_living(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
-    [
-        ("t.xls", "x,y\n1,2\n", "a kind of table that is not read"),
-        ("t.json", "{}", "cannot be read as a table of trees"),
-        ("t.json", '{"type": "Topology"}', "it has no 'geometry'"),
-        ("t.json", '{"features": [{"geometry": {"type": "Polygon", "coordinates": [[[0, 0], [1, 1], [2, 2], '
-         '[0, 0]]]}, "properties": null}]}', "its points lie on one line"),
-        ("t.mat", "MATLAB 5.0", "a kind of table that is not read, .mat"),
-        ("t.json", '{"features": [{"geometry": {"type": "MultiPoint", "coordinates": [[1, 2], [3, 4]]}, '
-         '"properties": null}]}', "has a MultiPoint; give trees as points, each its own"),
-        ("t.json", '{"features": [{"geometry": {"type": "LineString", "coordinates": [[1, 2]]}, '
-         '"properties": null}]}', "has a LineString; give trees as points"),
-    ],
-)  # fmt: skip
-def test_files_of_other_kinds_are_refused(tmp_path, name, text, said):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(SpecError, match=said):
-        read_tree_list(tmp_path / name)
-
-
-@pytest.mark.parametrize(
     ("place", "said"), [("11.57,48.1", ""), ("48.1,11.57", "far from where EPSG:32632 is used")]
 )
 def test_degrees_far_from_the_map_are_refused(tmp_path, place, said):
@@ -435,53 +414,6 @@ def test_degrees_far_from_the_map_are_refused(tmp_path, place, said):
     (tmp_path / "t.csv").write_text(f"x,y\n{place}\n{east + 1e-4},{north}\n{east},{north + 1e-4}\n")
     with pytest.raises(SpecError, match=said) if said else nullcontext():
         assert read_tree_list(tmp_path / "t.csv", crs="EPSG:32632").position.min() > 1e5
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("x,y,scale\n1,2,-1\n", "row 2: scale is -1"),
-        ("x,y,scale\n1,2,big\n", 'row 2: scale is "big"'),
-        ("x,z\n1,2\n", "no column y"),
-        ("x,y,dbh\n1,2,24\n", "row 2: dbh is 24 m, more than trees have .* as dbh_cm"),
-        ("x,y,dbh\n1,2,3.1\n3,4,2.7\n", "a median of 2.9 cm or in would make sense"),
-        ("x,y,BHD\n1,2,310\n3,4,270\n", "a median of 290 mm would make sense"),
-        ("x,y,h\n1,2,80\n3,4,110\n", "a median of 95 ft or dm would make sense"),
-        ("x,y,Height (yd)\n1,2,20\n", r'column "height \(yd\)" is not known; use one of m, cm'),
-        ("x,y,dbh\n1,5,2,5,0,24\n", "row 2 has 6 values, its header 3"),
-        ("x,y\n1,5,2\n", "row 2 has 3 values, its header 2"),
-        ('x,y\n"1,500",2\n', 'row 2: x is "1,500"'),
-        ("x,y\n9.0001,48.1\n9.0002,48.10001\n9.0003,48.1002\n", 'degrees; .* as "EPSG:32632"'),
-        ("lon,lat\n-70.1,-33.5\n", 'degrees; .* as "EPSG:32719"'),
-        ("azimuth,dist\n390,4\n", "azimuths above 360 degrees"),
-        ("azimuth,dist,plot\n90,4,1\n80,4,2\n", "trees of several plots"),
-        ("x,y\n" + "1,1\n" * 60, "60 rows at one place, as of a plot"),
-        ("x;y;h\n567.123;6;30,5\n567.9;6;30,5\n", 'x is "567.123", which may be thousands'),
-        ("x;y;h\n567,123;6;30.5\n", 'x is "567,123", which may be thousands'),
-        ("azimuth,dist\n30,-4\n", "distances below 0"),
-        ("x,y,plot\n1,1,a\n1,1,b\n", "several plots or years at one place"),
-        ("x,y,year\n1,1,2010\n1,1,2020\n", "several plots or years at one place"),
-        ("x,y,dbh_in,height\n1,2,12,60\n3,4,10,55\n", "times as tall as thick"),
-        (
-            "x,y,BHD mm,h\n1,2,38,19\n3,4,15.8,11\n5,6,,9\n",
-            "598 times as tall as thick, .* 300 times",
-        ),
-        (
-            "azimuth,dist\n0.3,4\n1.2,4\n5.9,3\n3.1,2\n",
-            "no azimuth above 6.3; call the column azimuth_rad",
-        ),
-        ("x,y,dbh\n1,1,.2\n2,2,.2\n1,1,.2\n", "row 4 is row 2 again, cell for cell"),
-        ("id,x,y,dbh\n1,1,1,.2\nMean,1.5,1.5,.2\n", 'row 3 begins with "Mean", as a sum of others'),
-        ("x;y\n4,57E+05;5,41E+06\n", 'x is "4,57E\\+05", which a spreadsheet has rounded'),
-        ("utm_zone,x,y\n32U,5e5,5.4e6\n33U,5e5,5.4e6\n", "several UTM zones"),
-        ("x,y,h,hcb\n1,1,10,3\n2,2,10,12\n", "row 3: the crown begins above the top"),
-        ('x,y,note\n1,2,"never ends\n3,4,a\n', "cannot be read"),
-    ],
-)
-def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):
-    (tmp_path / "t.csv").write_text(text)
-    with pytest.raises(SpecError, match=said):
-        read_tree_list(tmp_path / "t.csv")
 
 
 @pytest.mark.parametrize(
@@ -600,11 +532,3 @@ def test_the_table_of_the_manual_is_read_as_it_says(tmp_path):
 def test_places_of_utm_are_known_by_many_names(tmp_path, names):
     (tmp_path / "t.csv").write_text(f"{names}\n447253,5;5421349,25\n")
     assert read_tree_list(tmp_path / "t.csv").position.tolist() == [[447253.5, 5421349.25]]
-
-
-def test_a_table_without_places_is_told_by_its_columns(tmp_path):
-    (tmp_path / "t.csv").write_text("Baum;BHD\n1;0,3\n")
-    with pytest.raises(
-        SpecError, match="no column x, only Baum, BHD; call one of them x, another y, or"
-    ):
-        read_tree_list(tmp_path / "t.csv")

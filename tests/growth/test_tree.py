@@ -504,35 +504,38 @@ def skeleton(*segments):
     )
 
 
-def crossing(r=0.2):
-    """A trunk, and a branch of the same radius at right angles from the middle of it."""
-    return skeleton(
-        ((0, 0, 0), (0, 0, 2), r, -1, 0),
-        ((0, 0, 2), (0, 0, 4), r, 0, 0),
-        ((0, 0, 2), (3, 0, 2), r, 0, 1),
-    )
+UP = (0, 0, 2)
 
 
-def test_a_branch_shares_half_a_steinmetz_solid_with_its_mother():
-    apart = np.pi * 0.04 * 7
-    assert wood_of_skeleton(crossing()).volume == pytest.approx(apart)
-    assert volume_of(crossing()) == pytest.approx(apart - 8 * 0.2**3 / 3, rel=1e-3)
-
-
-def test_segments_of_one_axis_add_up():
-    bent = skeleton(
-        ((0, 0, 0), (0, 0, 2), (0.2, 0.15), -1, 0), ((0, 0, 2), (1, 0, 3), (0.15, 0.0), 0, 0)
-    )
-    assert volume_of(bent) == pytest.approx(wood_of_skeleton(bent).volume, rel=1e-12)
-
-
-def test_sisters_that_start_as_one_count_once():
-    twins = skeleton(
-        ((0, 0, 0), (0, 0, 2), 0.2, -1, 0),
-        ((0, 0, 2), (0, 0, 5), 0.2, 0, 1),
-        ((0, 0, 2), (0, 0, 5), 0.2, 0, 1),
-    )
-    assert volume_of(twins) == pytest.approx(np.pi * 0.04 * 5, rel=1e-3)
+@pytest.mark.parametrize(
+    ("segments", "apart", "together"),
+    [
+        (  # a trunk, and a branch of its radius at right angles from its middle: half a Steinmetz solid
+            [
+                ((0, 0, 0), UP, 0.2, -1, 0),
+                (UP, (0, 0, 4), 0.2, 0, 0),
+                (UP, (3, 0, 2), 0.2, 0, 1),
+            ],
+            np.pi * 0.04 * 7,
+            np.pi * 0.04 * 7 - 8 * 0.2**3 / 3,
+        ),
+        (
+            [((0, 0, 0), UP, (0.2, 0.15), -1, 0), (UP, (1, 0, 3), (0.15, 0.0), 0, 0)],
+            np.pi * (2 * (0.04 + 0.03 + 0.0225) + np.sqrt(2) * 0.0225) / 3,
+            np.pi * (2 * (0.04 + 0.03 + 0.0225) + np.sqrt(2) * 0.0225) / 3,
+        ),
+        (
+            [((0, 0, 0), UP, 0.2, -1, 0), *2 * [(UP, (0, 0, 5), 0.2, 0, 1)]],
+            np.pi * 0.04 * 8,
+            np.pi * 0.04 * 5,
+        ),
+    ],
+    ids=["a branch and its mother", "one axis", "sisters that start as one"],
+)
+def test_the_volume_of_wood_counts_what_is_shared_once(segments, apart, together):
+    wood = skeleton(*segments)
+    assert wood_of_skeleton(wood).volume == pytest.approx(apart)
+    assert volume_of(wood) == pytest.approx(together, rel=1e-3)
 
 
 @pytest.mark.medium
@@ -559,26 +562,25 @@ def turned(corners, angle=0.7):
     return corners @ turn.T
 
 
-@pytest.mark.medium
-@pytest.mark.parametrize("turn", [lambda corners: corners, turned])
-def test_what_two_boxes_share_counts_once(turn):
-    """Two boxes of 1 and 0.5 m3 that share a third of the smaller."""
-    both = np.concatenate([box((0, 0, 0), (1, 1, 1)), box((0.5, 0.25, 0.25), (1, 1, 0.5))])
-    shared = 0.5 * 0.75 * 0.5
-    assert shared_once(turn(both)) == pytest.approx((1.5 - shared) / 1.5, abs=2e-3)
-
-
-def test_pieces_apart_are_as_they_are():
-    apart = np.concatenate([box((0, 0, 0), (1, 1, 1)), box((3, 0, 5), (1, 2, 0.5))])
-    assert shared_once(turned(apart)) == pytest.approx(1.0, abs=1e-9)
+UNIT = box((0, 0, 0), (1, 1, 1))
+PAIR = [UNIT, box((0.5, 0.25, 0.25), (1, 1, 0.5))]  # 1 and 0.5 m3 that share a third of the smaller
 
 
 @pytest.mark.medium
-def test_a_piece_within_another_and_three_in_one_place():
-    nested = [box((0, 0, 0), (1, 1, 1)), box((0.2, 0.2, 0.2), (0.5, 0.5, 0.5))]
-    assert shared_once(turned(np.concatenate(nested))) == pytest.approx(1 / 1.125, abs=2e-3)
-    thrice = np.concatenate([box((0, 0, 0), (1, 1, 1))] * 3)
-    assert shared_once(turned(thrice)) == pytest.approx(1 / 3, abs=1e-9)
+@pytest.mark.parametrize(
+    ("boxes", "turn", "once", "near"),
+    [
+        (PAIR, 0.0, (1.5 - 0.5 * 0.75 * 0.5) / 1.5, 2e-3),
+        (PAIR, 0.7, (1.5 - 0.5 * 0.75 * 0.5) / 1.5, 2e-3),
+        ([UNIT, box((3, 0, 5), (1, 2, 0.5))], 0.7, 1.0, 1e-9),
+        ([UNIT, box((0.2, 0.2, 0.2), (0.5, 0.5, 0.5))], 0.7, 1 / 1.125, 2e-3),
+        ([UNIT] * 3, 0.7, 1 / 3, 1e-9),
+    ],
+    ids=["two", "two, turned", "apart", "one within another", "three in one place"],
+)
+def test_what_boxes_share_counts_once(boxes, turn, once, near):
+    found = shared_once(turned(np.concatenate(boxes), turn))
+    assert found == pytest.approx(once, abs=near)
 
 
 def test_a_piece_without_a_cap_says_nothing():

@@ -500,6 +500,15 @@ def test_counts_stand_beside_those_of_a_reference(
         ({"extra": "<material/>"}, 'holds "material"'),
         ({"template": "<swap/>"}, 'scannerSettings t holds "swap"'),
         ({"extra": '<filter type="scale"><points/></filter>'}, 'filter holds "points"'),
+        ({"extra": "<swap/>"}, "without filters"),
+        ({"extra": '<swap swapStep="0" force_null="true"/>'}, "at least 1"),
+        ({"extra": '<swap swapIndices="[1, 3]" force_null="true"/>'}, "on end"),
+        ({"extra": '<swap swapIndices="all" force_null="true"/>'}, "no list"),
+        ({"extra": 2 * '<swap swapIndices="[1]" force_null="1"/>'}, "another"),
+        (
+            {"extra": '<swap force_null="true"/><dmotion id="a" loop="1"/>'},
+            "only one is supported",
+        ),
     ],
 )
 def test_what_is_not_supported_is_refused_by_name(
@@ -514,9 +523,11 @@ def test_words_that_are_not_known_are_told(tmp_path: Path) -> None:
         '<filter type="scale"><param key="scale" value="2"/><param key="axis" value="z"/></filter>'
     )
     legs = LEG.replace("<leg>", '<leg pilot="me">', 1)
+    legs = legs.replace("headRotatePerSec_deg", 'headRotatePerSecDegree="7" headRotatePerSec_deg')
     notes = read_survey(written(tmp_path, legs, extra=extra)).notes
     assert [note.split(",")[0] for note in notes] == [
         'leg says "pilot"',
+        'scannerSettings says "headRotatePerSecDegree"',
         'filter "scale" says "axis"',
     ]
 

@@ -28,6 +28,8 @@ SCENES = [
     ("[forest]\nsize = [-3, 4]", "forest.size[0]: -3 m is out of range; use larger than 0"),
     ("[forest]\nsise = [3, 4]", 'forest.sise: is not known; did you mean "size"?'),
     ("this is not toml", "is not TOML"),
+    ("seed = -1", "-1 is out of range; use from 0 to 9,223,372,036,854,775,807"),
+    ("[plantings]\nspecies = 'maple'\nexpected = 3", "plantings: is one table"),
     ("[tiles]\nsize = 0.0001\n", "give at least 0.03 m"),
     (
         "[forest]\npolygon = [[0, 0], [9, 9], [9, 0], [0, 9]]\n" + planting("maple"),

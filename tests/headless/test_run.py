@@ -21,7 +21,6 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import api as forest
 from forest_addon.blender.rays.casters import embree_problem
 from forest_addon.formats.ownership import RECORD
-from forest_addon.results.coordinates import on_the_map
 from forest_addon.spec import Accuracy, Forest, Output, Planting, Reverb, Scene, Targets
 from forest_addon.ui import registered
 from forest_addon.ui.settings.exchange import from_spec, to_spec
@@ -386,7 +385,6 @@ def test_the_report_says_target_and_reached(tmp_path, capsys):
 # --------------------------------------------------------------------------------------- coordinates
 # One rule of coordinates for all files of numbers: the same scene with and without an offset.
 
-COORDINATES_SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
 OFFSET = (432100.25, 5612300.5, 130.0)
 PLAIN = """[output]
 pictures = false
@@ -410,9 +408,8 @@ def numbers(table, names):
 
 @pytest.mark.slow
 def test_every_file_has_the_offset(headless, tmp_path):
-    text = COORDINATES_SMALL[: COORDINATES_SMALL.index("[output]")].replace(
-        "cull = 0.01", "cull = 0.01\ncontributions = true"
-    )
+    text = SMALL.read_text().split("[output]")[0]
+    text = text.replace("cull = 0.01", "cull = 0.01\ncontributions = true")
     for name, head in (("near", ""), ("far", f'offset = {list(OFFSET)}\ncrs = "EPSG:32632"\n')):
         (tmp_path / f"{name}.toml").write_text(head + text + PLAIN)
         headless("run", tmp_path / f"{name}.toml", "--out", tmp_path / name)
@@ -448,31 +445,6 @@ def test_every_file_has_the_offset(headless, tmp_path):
     assert told["scenes"][0]["extras"]["offset_m"] == list(OFFSET)
     bpy.ops.wm.open_mainfile(filepath=str(far / "forest.blend"))
     assert tuple(bpy.context.scene["offset_m"]) == OFFSET
-
-
-@pytest.mark.medium
-def test_trees_that_were_written_are_planted_where_they_stood(headless, tmp_path):
-    text = COORDINATES_SMALL[: COORDINATES_SMALL.index("[[sensors]]")]
-    (tmp_path / "a.toml").write_text(f"offset = {list(OFFSET)}\n" + text)
-    headless("stand", tmp_path / "a.toml", "--out", tmp_path / "a.csv")
-    first = (tmp_path / "a.csv").read_text().splitlines()[0]
-    assert first == "id,species,x,y,z,scale,rotation,variant"  # as pandas reads it
-    assert "has been added" in (tmp_path / "a-coordinates.txt").read_text()
-    listed = text.replace("expected = 4", 'layout = "list"\ntrees = "a.csv"')
-    (tmp_path / "b.toml").write_text(f"offset = {list(OFFSET)}\n" + listed)
-    headless("stand", tmp_path / "b.toml", "--out", tmp_path / "b.csv")
-    places = [numbers(columns(tmp_path / f"{name}.csv"), "xy") for name in "ab"]
-    assert len(places[0])
-    assert np.allclose(*places, rtol=0, atol=1e-8)
-
-
-def test_a_scene_without_offset_is_as_it_was():
-    table = {"x_m": [1.5], "centre": np.eye(3), "tree": [7]}
-    assert on_the_map(table, (0.0, 0.0, 0.0)) == table
-    moved = on_the_map(table, OFFSET)
-    assert moved["x_m"] == [1.5 + OFFSET[0]]
-    assert moved["tree"] == [7]
-    assert table["x_m"] == [1.5]
 
 
 # -------------------------------------------------------------------------------------------- detail

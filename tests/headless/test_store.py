@@ -131,12 +131,6 @@ def test_a_store_of_another_command_is_left():
     assert (store / MARK).read_text() == "Forest Sensing: a dataset"
 
 
-def test_a_folder_is_no_store(tmp_path):
-    for url in (str(tmp_path), f"file://{tmp_path}", f"local://{tmp_path}"):
-        with pytest.raises(SpecError, match="is no store"):
-            store_of(url)
-
-
 @pytest.mark.slow
 def test_workers_write_to_s3(tmp_path, empty_blender, monkeypatch):
     pytest.importorskip("s3fs")
@@ -200,11 +194,15 @@ def test_copc_of_tiles_open_as_one_by_their_catalogue(tmp_path, empty_blender):
 
 @pytest.mark.parametrize(
     ("url", "words"),
-    [("out/field", "is no store; write such as s3"), ("nowhere://a", "install forest-sensing")],
+    [
+        ("out/field", "is no store; write such as s3"),
+        ("nowhere://a", "install forest-sensing"),
+        *((f"{scheme}FOLDER", "is no store") for scheme in ("", "file://", "local://")),
+    ],
 )
-def test_what_is_no_store_is_said(url, words):
+def test_what_is_no_store_is_said(tmp_path, url, words):
     with pytest.raises(SpecError, match=words):
-        store_of(url)
+        store_of(url.replace("FOLDER", str(tmp_path)))
 
 
 def test_a_catalogue_without_its_library_is_said(tmp_path, monkeypatch):

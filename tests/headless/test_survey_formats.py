@@ -421,12 +421,6 @@ def test_every_quality_of_the_beam_has_all_its_rays(tmp_path: Path, rings: int) 
     assert set(np.flatnonzero(down)) <= set(cloud.pulse)
 
 
-def test_an_old_name_of_a_setting_is_told(tmp_path: Path) -> None:
-    leg = LEG.replace("headRotatePerSec_deg", 'headRotatePerSecDegree="7" headRotatePerSec_deg')
-    survey = read_survey(written(tmp_path, leg))
-    assert any("headRotatePerSecDegree" in note for note in survey.notes)
-
-
 @pytest.mark.parametrize("name", ["(a+)+b", "(x|a*)*b", ".*.*.*.*.*b"])
 def test_a_pattern_of_files_that_may_take_for_ever_is_refused(tmp_path, name):
     (tmp_path / ("a" * 200)).touch()
@@ -485,17 +479,24 @@ def test_copter_turns_smoothly_at_its_rate_and_looks_along_the_next_leg() -> Non
     assert rest == 0.0  # a leg begins where the one before ended
 
 
-def test_copter_that_stops_before_its_waypoint_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(platforms, "STEPS_A_SECOND", 500)
-    with pytest.raises(SpecError, match=r"leg 0 never arrives.*slowdownEnabled"):
-        flown(COPTER, [(0, 0, 20), (0, 80, 20)], 'movePerSec_m="5"')
-
-
 @pytest.mark.medium
-def test_tractor_that_turns_round_and_round_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("platform", "places", "speed", "words"),
+    [
+        (COPTER, [(0, 0, 20), (0, 80, 20)], 5, r"leg 0 never arrives.*slowdownEnabled"),
+        (
+            TRACTOR,
+            [(0, 0, 0), (0, 12, 0), (7, 15, 0)],
+            3,
+            r"leg 1 never arrives.*round and round.*wider curves",
+        ),
+    ],
+    ids=["copter that stops before", "tractor that turns round and round"],
+)
+def test_who_never_arrives_is_refused(monkeypatch, platform, places, speed, words) -> None:
     monkeypatch.setattr(platforms, "STEPS_A_SECOND", 500)
-    with pytest.raises(SpecError, match=r"leg 1 never arrives.*round and round.*wider curves"):
-        flown(TRACTOR, [(0, 0, 0), (0, 12, 0), (7, 15, 0)], 'movePerSec_m="3"')
+    with pytest.raises(SpecError, match=words):
+        flown(platform, places, f'movePerSec_m="{speed}"')
 
 
 @pytest.mark.medium
@@ -574,22 +575,3 @@ def test_each_play_goes_to_files_of_its_own(
     assert [leg.name for leg in legs] == [f"play{k}-leg000" for k in range(4)]
     assert (tmp_path / "out/c-play3-leg000.npz").is_file()
     assert "played 4 times" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("swap", "words"),
-    [
-        ("<swap/>", "without filters"),
-        ('<swap swapStep="0" force_null="true"/>', "at least 1"),
-        ('<swap swapIndices="[1, 3]" force_null="true"/>', "on end"),
-        ('<swap swapIndices="all" force_null="true"/>', "no list"),
-        (
-            '<swap swapIndices="[1]" force_null="1"/><swap swapIndices="[1]" force_null="1"/>',
-            "another",
-        ),
-        ('<swap force_null="true"/><dmotion id="a" loop="1"/>', "only one is supported"),
-    ],
-)
-def test_broken_swaps_are_refused(tmp_path: Path, swap: str, words: str) -> None:
-    with pytest.raises(SpecError, match=words):
-        read_survey(written(tmp_path, extra=swap))

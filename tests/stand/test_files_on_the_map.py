@@ -188,24 +188,21 @@ def test_feet_of_a_system_are_metres_on_the_ground(tmp_path):
     """EPSG:2227 counts in US survey feet; its twin in metres has the same place, UTM another."""
     pytest.importorskip("pyproj")
     turn = UPRIGHT / US_FOOT
-    vertical = {"": US_FOOT, 5703: 1.0, 5103: US_FOOT}  # NAVD88 height, metres; a datum
-    for code, unit in vertical.items():
-        keys = {3072: 2227, 3076: 9003} | ({4096: code} if code else {})
-        geotiff(tmp_path / "dem.tif", heights() / unit, turn, keys)
+    metres = META.format("UNITTYPE", "unittype", "metre")
+    for keys, unit, said in (
+        ({}, US_FOOT, None),
+        ({4096: 5703}, 1.0, None),  # NAVD88 height, metres
+        ({4096: 5103}, US_FOOT, None),  # a datum
+        ({}, 1.0, metres),
+    ):
+        keys = {3072: 2227, 3076: 9003} | keys
+        geotiff(tmp_path / "dem.tif", heights() / unit, turn, keys, metadata=said)
         found, expected, _ = ground_of(tmp_path, scene("dem.tif", crs="EPSG:26943"))
         assert found == pytest.approx(expected, abs=1e-6)
         with pytest.raises(SpecError, match=r"lies in EPSG:2227, the scene in EPSG:32610"):
             read_inputs(scene("dem.tif", crs="EPSG:32610"), tmp_path)
     with pytest.raises(SpecError, match=r"US survey foot.*take EPSG:26943"):
         read_inputs(scene("dem.tif", crs="EPSG:2227"), tmp_path)
-
-
-def test_metres_of_height_in_a_system_of_feet(tmp_path):
-    pytest.importorskip("pyproj")
-    said = META.format("UNITTYPE", "unittype", "metre")
-    geotiff(tmp_path / "dem.tif", heights(), UPRIGHT / US_FOOT, {3072: 2227}, metadata=said)
-    found, expected, _ = ground_of(tmp_path, scene("dem.tif", crs="EPSG:26943"))
-    assert found == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_picture_is_no_ground_unless_its_unit_is_said(tmp_path):
@@ -236,53 +233,27 @@ def test_the_page_names_every_ending_that_is_read():
     assert set(re.findall(r"`(\.[\w.]+)`", said)) == {*ENDINGS} - {".xyz", ".npz", ".csv"}
 
 
+DEGREES = np.array([[1e-5, 0, 9.0], [0, -1e-5, 48.75]])
+
+
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("pixels", "transform", "keys", "said"),
     [
-        (
-            "t.asc",
-            "ncols 2\nnrows 2\nxllcorner 11\nyllcorner 48\ncellsize 1e-4\n1 2\n3 4\n",
-            "degrees",
-        ),
-        ("t.xyz", "lat lon z\n48 11 1\n48 11.1 2\n48.1 11 3\n", "lies in degrees"),
-        ("t.csv", "a,b,c\n1,2,3\n2,1,3\n", "does not name its columns x, y and z"),
-        ("t.csv", "x,y,z\n1,5,2,5,3,5\n2,5,1,5,3,5\n2,5,9,5,3,5\n", "or fewer than its 6 columns"),
-        ("t.xyz", "1 5 7 300\n2 6 7 300\n3 6 9 300\n", "counts its rows in its first column"),
-        ("t.xyz", "1 5 7\n2 6 7\n3 7 7\n", "has 3 points with a height, all on one line"),
-        ("t.xyz", "1 5 -9999\n2 6 -9999\n3 9 -9999\n", "has 0 points with a height"),
-        ("t.xyz", "nothing here\n", "has no line of numbers"),
-        ("t.csv", "x,y,z,class\n1,2,3,5\n2,1,3,1\n", "no points of class 2, ground, only of 1, 5"),
-        ("t.asc", "ncols 2\nnrows 1\nxllcorner 9\nyllcorner 9\ncellsize 0\n1 2\n", "2 x 1 of 0 m"),
-        ("t.asc", "1 2 3\n4 5 6\n", "if it holds points, end its name in .xyz"),
-        ("t.pcd", "# .PCD v.7\n", "save it as PNG, TIFF or npy, a cloud as LAS"),
+        (heights(), DEGREES, {1024: 2, 2048: 4326}, r"lies in degrees.*-t_srs EPSG:32632"),
+        (heights(), UPRIGHT, {1024: 3, 3072: 32767}, "count.* from the middle of the Earth"),
+        (heights(), UPRIGHT, {1024: 3, 2048: 4978, 3072: 32767}, "from the middle of the Earth"),
+        (heights().astype(complex), UPRIGHT, {}, "is in colour, or of complex numbers"),
     ],
+    ids=["degrees", "geocentric", "geocentric by its code", "complex"],
 )
-def test_text_in_degrees_or_of_other_columns_is_refused(tmp_path, name, text, said):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(SpecError, match=said):
-        read_raster(tmp_path / name)
-
-
-def test_complex_numbers_are_no_heights(tmp_path):
-    geotiff(tmp_path / "dem.tif", heights().astype(complex))
-    with pytest.raises(SpecError, match=r"dem.tif: is in colour, or of complex numbers"):
-        read_raster(tmp_path / "dem.tif")
-
-
-def test_degrees_are_refused_with_the_zone(tmp_path):
-    degrees = np.array([[1e-5, 0, 9.0], [0, -1e-5, 48.75]])
-    geotiff(tmp_path / "dem.tif", heights(), degrees, {1024: 2, 2048: 4326})
-    with pytest.raises(SpecError, match=r"lies in degrees.*-t_srs EPSG:32632"):
-        read_inputs(scene("dem.tif"), tmp_path)
-    with pytest.raises(SpecError, match="degrees"):
-        survey_ground(tmp_path / "dem.tif", Material())
-
-
-@pytest.mark.parametrize("keys", [{1024: 3, 3072: 32767}, {1024: 3, 2048: 4978, 3072: 32767}])
-def test_coordinates_from_the_middle_of_the_earth_are_refused(tmp_path, keys):
-    geotiff(tmp_path / "dem.tif", heights(), keys=keys)
-    with pytest.raises(SpecError, match=r"dem\.tif.*count.* from the middle of the Earth"):
-        read_raster(tmp_path / "dem.tif")
+def test_a_raster_that_tells_no_heights_is_refused(tmp_path, pixels, transform, keys, said):
+    geotiff(tmp_path / "dem.tif", pixels, transform, keys)
+    for read in (
+        lambda: read_inputs(scene("dem.tif"), tmp_path),
+        lambda: survey_ground(tmp_path / "dem.tif", Material()),
+    ):
+        with pytest.raises(SpecError, match=rf"dem\.tif: .*{said}"):
+            read()
 
 
 @pytest.mark.parametrize(

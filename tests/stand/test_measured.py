@@ -424,15 +424,31 @@ def scene_of(undergrowth="auto", species="scots-pine", sensors=LOOKED_AT, **fiel
     return Scene(seed=3, forest=field, plantings=(planted,), sensors=sensors)
 
 
-def test_measured_stands_are_clothed_where_something_looks():
-    assert len(ForestSite.read(scene_of()).scene.plantings) > 5
-    assert len(ForestSite.read(scene_of("none")).scene.plantings) == 1
-    assert len(ForestSite.read(scene_of(sensors=(Reverb(),))).scene.plantings) == 1
-    assert len(ForestSite.read(scene_of(species="honda-birch")).scene.plantings) == 1
-    by_hand = scene_of()
-    fern = Planting(species="fern", expected=3.0)
-    by_hand = by_hand.changed(plantings=(*by_hand.plantings, fern))
-    assert len(ForestSite.read(by_hand).scene.plantings) == 2
+BARE = scene_of("none").plantings
+
+
+@pytest.mark.parametrize(
+    ("scene", "clothed", "rough"),
+    [
+        (scene_of(), True, True),
+        (scene_of("sparse"), True, True),
+        (scene_of("sparse", terrain=Terrain(roughness=0.0)), True, False),
+        (scene_of("none"), False, False),
+        (scene_of(sensors=(Reverb(),)), False, False),
+        (scene_of(species="honda-birch"), False, False),
+        (
+            scene_of().changed(plantings=(*BARE, Planting(species="fern", expected=3.0))),
+            False,
+            False,
+        ),
+    ],
+    ids=["auto", "sparse", "level", "none", "for the ear", "not measured", "by hand"],
+)
+def test_measured_stands_are_clothed_and_rough_where_something_looks(scene, clothed, rough):
+    site = ForestSite.read(scene)
+    assert (len(site.scene.plantings) > 5) == clothed
+    assert clothed or site.scene.plantings == scene.plantings
+    assert (site.inputs.terrain is not None) == rough
 
 
 @pytest.mark.medium
@@ -471,12 +487,13 @@ def test_numbers_are_those_of_the_table():
     assert (abs(counts - wanted) < 4.5 * np.sqrt(wanted) + 1).all()  # Poisson, 1 in 1e5
 
 
-def test_stumps_and_logs_are_dead_wood():
-    for name in ("stump", "log"):
-        site = ForestSite.read(scene_of("none", name))
-        (tree, *_) = site.grow().variants.values()
-        assert (tree.mesh.part == DEAD).all()
-        assert tree.height < 0.6
+@pytest.mark.parametrize("name", ["stump", "log"])
+def test_stumps_and_logs_are_dead_wood_that_is_audited_as_other_wood(name):
+    (tree, *_) = ForestSite.read(scene_of("none", name)).grow().variants.values()
+    assert (tree.mesh.part == DEAD).all()
+    assert tree.height < 0.6
+    rng = np.random.default_rng(0)
+    assert held([part_of_tubes([(tree, 0.002)], rng)], rng, 0.01).kept
 
 
 def test_ground_is_as_rough_as_asked():
@@ -500,18 +517,6 @@ def test_rough_triangles_are_refused():
     )
     with pytest.raises(SpecError, match="roughness"):
         roughened(square, Forest(), 0.1, 1)
-
-
-def test_ground_with_undergrowth_is_rough_unless_said():
-    assert ForestSite.read(scene_of("sparse")).inputs.terrain is not None
-    level = scene_of("sparse", terrain=Terrain(roughness=0.0))
-    assert ForestSite.read(level).inputs.terrain is None
-
-
-def test_trees_of_dead_wood_alone_are_audited_as_others():
-    (tree, *_) = ForestSite.read(scene_of("none", "stump")).grow().variants.values()
-    rng = np.random.default_rng(0)
-    assert held([part_of_tubes([(tree, 0.002)], rng)], rng, 0.01).kept
 
 
 def test_crowns_stand_aside_towards_the_light():

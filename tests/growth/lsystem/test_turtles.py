@@ -352,8 +352,6 @@ def test_equals_a_plain_recursive_turtle_with_jitter(seed):
 # Python's own, and refusals.
 
 symbols = st.sampled_from("abcd[]")
-S = Notation(tagged="I")
-APPLE = ["F -> InIn[t+InIn+F]In[T-InF]InF"]
 FALSE_ALARM = 1e-6  # chance that a distribution test fails though all is well
 leaf = st.one_of(st.integers(0, 9).map(str), st.sampled_from(["l", "w2", "1.5", ".25", "2e-1"]))
 tree = st.recursive(
@@ -371,19 +369,10 @@ tree = st.recursive(
 )
 
 
-def tanveer(generations):
-    return string_of(Grammar(generations=generations)).tobytes().decode("latin-1")
-
-
 def rewrite_plainly(text, rules, generations):
     for _ in range(generations):
         text = "".join(rules.get(c, c) for c in text)
     return text
-
-
-def test_strings_as_printed_in_the_paper():
-    assert tanveer(1) == "d(g)[g)+g)"
-    assert tanveer(2) == "d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g)"
 
 
 @given(
@@ -396,20 +385,6 @@ def test_any_grammar_equals_plain_rewriting(axiom, rules, generations):
     system = read_system(axiom, texts, notation=Notation(parametric=False))
     expected = rewrite_plainly(axiom, rules, generations)
     assert rewrite(system, generations).codes.tobytes().decode("latin-1") == expected
-
-
-def test_s_strings_of_two_and_three_generations():
-    system = read_system("[F]", APPLE, notation=S)
-    assert rewrite(system, 0).text() == "[F]"
-    assert rewrite(system, 1).text() == "[I01I01[t+I01I01+F]I01[T-I01F]I01F]"
-    assert rewrite(system, 2).text() == (
-        "[I01I01[t+I01I01+I02I02[t+I02I02+F]I02[T-I02F]I02F]I01[T-I01I02I02[t+I02I02+F]I02"
-        "[T-I02F]I02F]I01I02I02[t+I02I02+F]I02[T-I02F]I02F]"
-    )
-    text, successor = "[F]", "InIn[t+InIn+F]In[T-InF]InF"
-    for n in (1, 2, 3):
-        text = text.replace("F", successor.replace("In", f"I{n:02d}"))
-    assert rewrite(system, 3).text() == text
 
 
 def test_numbers_conditions_and_generation():

@@ -1,8 +1,6 @@
 """Error against seconds: choice and words by hand-made points; the command on a small scene, whose
 recommended settings run and keep the error."""
 
-import math
-
 import pytest
 from matplotlib.image import imread
 
@@ -25,8 +23,25 @@ def sweep(model=None, **terms):
     )
 
 
-def test_the_frontier_leaves_out_what_is_beaten():
-    assert sweep().frontier() == [UNSURE, FAST, TODAY, EXACT]
+FREE = Point({}, "brute force", 0.0, 0.0, 0.01, elsewhere="as audits do")  # in no scene file
+SLOWER = Point({"cull": 1e-9}, "slower", 0.99e-4, 0.0, 9.0)  # and hardly more exact
+LOST = Point({}, "nothing", *mean_and_spread([]), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("today", "others", "frontier", "chosen"),
+    [
+        (TODAY, (FAST, UNSURE, EXACT, WORSE), [UNSURE, FAST, TODAY, EXACT], EXACT),
+        (TODAY, (FREE, FAST), [FAST, TODAY], TODAY),
+        (TODAY, (SLOWER,), [TODAY], TODAY),
+        (LOST, (), [], LOST),
+    ],
+)
+def test_the_frontier_leaves_out_what_is_beaten(today, others, frontier, chosen):
+    found = AccuracySweep(Sonar(), "spectrum", "", today, others)
+    assert all(other in found.all for other in others)
+    assert found.frontier() == frontier
+    assert found.choice(1e-6, 60) is chosen
 
 
 @pytest.mark.parametrize(
@@ -51,27 +66,6 @@ def test_the_largest_term_is_named():
     assert "2.0 times as fast as today's" in sweep().verdict(1e-3, 60)
     assert "is not reached within 10 s" in sweep().verdict(1e-6, 10)
     assert sweep().dominant() == ""
-
-
-def test_what_no_scene_file_can_set_is_shown_and_never_chosen():
-    free = Point({}, "brute force", 0.0, 0.0, 0.01, elsewhere="as audits do")
-    found = AccuracySweep(Sonar(), "spectrum", "", TODAY, (free, FAST))
-    assert free in found.all
-    assert free not in found.frontier()
-    assert found.choice(1e-3, 60) is FAST
-
-
-def test_what_is_hardly_more_exact_is_not_worth_its_seconds():
-    slower = Point({"cull": 1e-9}, "slower", 0.99e-4, 0.0, 9.0)
-    found = AccuracySweep(Sonar(), "spectrum", "", TODAY, (slower,))
-    assert found.frontier() == [TODAY]
-    assert found.choice(1e-6, 60) is TODAY
-
-
-def test_what_has_no_values_is_never_chosen():
-    assert math.isnan(mean_and_spread([])[0])
-    lost = AccuracySweep(Sonar(), "x", "", Point({}, "nothing", math.nan, math.nan, 1.0), ())
-    assert lost.choice(1e-3, 60) is lost.today
 
 
 @pytest.mark.medium

@@ -128,35 +128,29 @@ S2 = (
 )
 
 
-def said(capsys, *arguments):
-    assert main(["derive", *arguments]) == 0
-    return capsys.readouterr().out.strip()
+@pytest.mark.parametrize(
+    ("words", "printed"),
+    [
+        ("apple --generations 2", S2),
+        ("apple --generations 3", S2.replace("F", "I03I03[t+I03I03+F]I03[T-I03F]I03F")),
+        ("apple --generations 0", "[F]"),
+        ("maple --generations 2", "d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g)"),
+        ("whorl-8", "d(d)+d)[d(d)+d)"),
+        ("apple --generations 2 --count", "75 symbols, 9 branches"),
+        ("maple --generations 12 --count", "2,125,762 symbols, 531,440 branches"),
+    ],
+)
+def test_strings_and_counts_as_the_papers_print_them(headless, words, printed):
+    assert headless("derive", *words.split()).stdout.strip() == printed
 
 
-def test_strings_as_the_papers_print_them(capsys):
-    assert said(capsys, "apple", "--generations", "2") == S2
-    successor = "I03I03[t+I03I03+F]I03[T-I03F]I03F"
-    assert said(capsys, "apple", "--generations", "3") == S2.replace("F", successor)
-    assert said(capsys, "apple", "--generations", "0") == "[F]"
-    assert said(capsys, "maple", "--generations", "2") == "d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g)"
-    assert said(capsys, "whorl-8") == "d(d)+d)[d(d)+d)"
-
-
-def test_seeds(capsys):
-    one = said(capsys, "apple-stochastic", "--generations", "3", "--seed", "1")
-    assert said(capsys, "apple-stochastic", "--generations", "3", "--seed", "1") == one
-    assert said(capsys, "apple-stochastic", "--generations", "3", "--seed", "2") != one
-
-
-def test_counts(capsys):
-    assert said(capsys, "apple", "--generations", "2", "--count") == "75 symbols, 9 branches"
-    assert said(capsys, "maple", "--generations", "12", "--count") == (
-        "2,125,762 symbols, 531,440 branches"
-    )
-    assert said(capsys, "apple", "--generations", "900", "--count").startswith("1e430 symbols")
-    lines = said(capsys, "apple-stochastic", "--generations", "3", "--count").splitlines()
-    assert lines[0].startswith("expected: ")
-    assert len(lines) == 2
+def test_strings_of_chance_follow_their_seed_and_are_counted_by_their_means(headless):
+    words = ("derive", "apple-stochastic", "--generations", 3)
+    one, again, other = (headless(*words, "--seed", seed).stdout for seed in (1, 1, 2))
+    assert one == again != other
+    first, _ = headless(*words, "--count").stdout.splitlines()
+    assert first.startswith("expected: ")
+    assert headless("derive", "apple", "--generations", 900, "--count").stdout.startswith("1e430 ")
 
 
 # ------------------------------------------------------------------------------------------- species

@@ -53,7 +53,11 @@ def test_positions_and_map_are_written(scene, tmp_path, capsys):
     assert "too near" in said
     assert "together" in said
     assert "EPSG:32632" in said
-    rows = list(csv.DictReader(line for line in out.open() if line[0] != "#"))
+    assert "has been added" in (tmp_path / "new" / "points-coordinates.txt").read_text()
+    assert (
+        out.open().readline() == "id,species,x,y,z,scale,rotation,variant\n"
+    )  # as pandas reads it
+    rows = list(csv.DictReader(out.open()))
     place = np.array([[float(row["x"]), float(row["y"])] for row in rows]) - [500_000, 5_400_000]
     assert ((place >= 0) & (place <= [40, 30])).all()
     assert not ((place > 10) & (place < 20)).all(axis=1).any()

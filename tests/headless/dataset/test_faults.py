@@ -15,7 +15,6 @@ from references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, co
 
 from forest_addon.base.rng import stream
 from headless.dataset import engine
-from headless.lock import only_one
 
 pytestmark = [
     pytest.mark.slow,
@@ -159,21 +158,6 @@ def test_a_full_disk_ends_the_command_and_keeps_what_is_done(tmp_path):
     assert "what is finished is kept" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not list((tmp_path / "data" / "scenes").iterdir())
-
-
-def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path, warm):
-    (tmp_path / "file").write_text("")
-    ended = warm.run(PLAN, "--out", tmp_path / "file" / "data", "--workers", "1")
-    assert ended.returncode in (1, 2)
-    assert len([line for line in ended.stderr.splitlines() if "Warning" not in line]) == 1
-    assert "file/data" in ended.stderr
-
-
-def test_a_second_command_on_a_folder_is_refused(tmp_path, warm):
-    with only_one(tmp_path / "data"):
-        ended = warm.run(PLAN, "--out", tmp_path / "data", "--workers", "1")
-    assert ended.returncode == 2
-    assert "is in use by another command" in ended.stderr
 
 
 @contextlib.contextmanager
