@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -335,6 +336,17 @@ def ended(process):
     return process.returncode, said
 
 
+@contextmanager
+def files_up_to(size):
+    """The system refuses files that are larger with EFBIG, without mounting a small disk."""
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+
+
 def no_half_written_files(out):
     assert not [p.name for p in out.iterdir() if "partial" in p.name]
 
@@ -381,14 +393,9 @@ def test_a_full_disk(tmp_path):
 
 @pytest.mark.slow
 def test_a_file_that_may_not_grow(headless, tmp_path):
-    """Without mounting: the system refuses files above 400 kB with EFBIG."""
     out, scene = tmp_path / "o", without_sensors(tmp_path)
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, usual[1]))
-    try:
+    with files_up_to(400_000):
         done = headless("run", scene, "--out", out, ends=1)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
     assert done.stderr.count("error: ") == 1
     assert "disk" in done.stderr or os.strerror(errno.EFBIG) in done.stderr
     assert (out / "trees.csv").exists()
@@ -477,28 +484,18 @@ def test_what_a_killed_command_left_is_removed(tmp_path):
 
 
 def test_a_lock_that_cannot_be_written_is_not_left(tmp_path, monkeypatch):
-    """The system refuses every byte, as on a full disk."""
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, usual[1]))
-    try:
-        with pytest.raises(OSError, match="large"), only_one(tmp_path / "a" / "b"):
-            pass
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    with files_up_to(0), pytest.raises(OSError, match="large"), only_one(tmp_path / "a" / "b"):
+        pass
     assert not list(tmp_path.iterdir())
 
 
 def test_a_record_that_grew_by_half_a_line_is_none(tmp_path):
     """A full disk takes a part of what is written; the next command reads the record again."""
-    before, usual = tmp_path / RECORD, resource.getrlimit(resource.RLIMIT_FSIZE)
     with keeping(Keeper(tmp_path, "run")):
         atomic.write_whole(tmp_path / "a.txt", "x")
-        resource.setrlimit(resource.RLIMIT_FSIZE, (before.stat().st_size + 9, usual[1]))
-        try:
-            with pytest.raises(OSError, match="is the disk full"):
-                atomic.write_whole(tmp_path / "b.txt", "x")
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        most = (tmp_path / RECORD).stat().st_size + 9
+        with files_up_to(most), pytest.raises(OSError, match="is the disk full"):
+            atomic.write_whole(tmp_path / "b.txt", "x")
     with keeping(Keeper(tmp_path, "run")):
         for name in ("a.txt", "b.txt"):
             atomic.write_whole(tmp_path / name, "y")

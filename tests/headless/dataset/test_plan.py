@@ -36,6 +36,17 @@ kinds = [1, 2]
 """
 
 
+@pytest.fixture
+def plan(tmp_path):
+    """Reads a plan of this text, and words over it."""
+
+    def read(text, *words):
+        (tmp_path / "plan.toml").write_text(text)
+        return read_plan(tmp_path / "plan.toml", words)
+
+    return read
+
+
 def values(distribution, count=400, **more):
     varied = read_varied({"air.humidity": {**distribution, **more}})
     return np.array([one["air.humidity"] for one in draw(varied, 3, count)])
@@ -103,11 +114,10 @@ def test_mistakes_are_named_with_file_key_and_what_is_allowed(said, words):
         assert word in str(problem.value)
 
 
-def test_tiles_of_one_large_field_are_refused(tmp_path):
-    plan = tmp_path / "plan.toml"
-    plan.write_text(MIX.replace("[scene]\n", "[scene]\n[scene.tiles]\nsize = 50\n"))
+def test_tiles_of_one_large_field_are_refused(plan):
+    tiled = plan(MIX.replace("[scene]\n", "[scene]\n[scene.tiles]\nsize = 50\n"))
     with pytest.raises(SpecError, match=r"scene 000000: tiles: are for one large field"):
-        recipes(read_plan(plan))
+        recipes(tiled)
 
 
 def test_a_recipe_changes_with_what_decides_the_bytes_and_with_nothing_else(tmp_path):
@@ -133,24 +143,18 @@ def test_a_recipe_knows_the_content_of_the_files_that_it_names(tmp_path):
     assert recipes(read_plan(other / "plan.toml"))[0].digest != before
 
 
-def mixed(tmp_path, more=""):
-    (tmp_path / "plan.toml").write_text(MIX + more)
-    return read_plan(tmp_path / "plan.toml")
-
-
-def test_any_run_of_scenes_has_nearly_the_shares_that_were_asked_for(tmp_path):
-    plan = mixed(tmp_path)
-    splits = [split_of(plan, number) for number in range(60)]
+def test_any_run_of_scenes_has_nearly_the_shares_that_were_asked_for(plan):
+    mixed = plan(MIX)
+    splits = [split_of(mixed, number) for number in range(60)]
     for first in range(0, 40, 5):
         counts = Counter(splits[first : first + 20])
         for split, share in (("train", 0.7), ("validation", 0.15), ("test", 0.15)):
             assert abs(counts[split] - 20 * share) <= 2
 
 
-def test_splits_by_species_share_none(tmp_path):
-    plan = mixed(tmp_path, '[splits]\nby = "species"\n')
+def test_splits_by_species_share_none(plan):
     known = {}
-    for recipe in recipes(plan):
+    for recipe in recipes(plan(MIX + '[splits]\nby = "species"\n')):
         for planting in recipe.scene["plantings"]:
             known.setdefault(planting["species"], set()).add(recipe.split)
     assert all(len(splits) == 1 for splits in known.values())
@@ -162,24 +166,21 @@ def test_splits_by_species_share_none(tmp_path):
 
 
 @pytest.mark.medium
-def test_libraries_are_a_splits_own_unless_told_otherwise(tmp_path):
-    head = 'trees = "shared library of 9"\n'
-    (tmp_path / "plan.toml").write_text(head + MIX)
-    found = {(r.split, r.library) for r in recipes(read_plan(tmp_path / "plan.toml"))}
-    assert len(found) == 3
-    assert len({library for _, library in found}) == 3
-    (tmp_path / "plan.toml").write_text(head + MIX + "[splits]\nshare_trees = true\n")
-    assert len({r.library for r in recipes(read_plan(tmp_path / "plan.toml"))}) == 1
+def test_libraries_are_a_splits_own_unless_told_otherwise(plan):
+    shared = 'trees = "shared library of 9"\n' + MIX
+    found = {(r.split, r.library) for r in recipes(plan(shared))}
+    assert len(found) == len({library for _, library in found}) == 3
+    together = recipes(plan(shared + "[splits]\nshare_trees = true\n"))
+    assert len({r.library for r in together}) == 1
 
 
 @pytest.mark.medium
-def test_poses_of_a_scanner_on_its_way_are_said_to_be_idle(tmp_path):
-    path = tmp_path / "way.toml"
-    path.write_text(
+def test_poses_of_a_scanner_on_its_way_are_said_to_be_idle(plan):
+    way = plan(
         'count = 2\n[scene]\n[[scene.sensors]]\nkind = "mobile"\nname = "walk"\n'
         '[mix]\nspecies = ["maple"]\n[[place]]\nsensor = "walk"\nrule = "path"\ncount = 3\n'
     )
-    (said,) = [one for one in idle_in_plan(read_plan(path)) if one.startswith("place")]
+    (said,) = [one for one in idle_in_plan(way) if one.startswith("place")]
     assert "place[0].count has no effect on the way of a scanner" in said
 
 
@@ -210,21 +211,14 @@ kinds = [2, 2]
     ],
 )
 def test_species_that_know_no_chance_are_refused_where_splits_would_share_their_tree(
-    tmp_path, first, more
+    plan, first, more
 ):
-    path = tmp_path / "plan.toml"
-    path.write_text(CHANCELESS)
-    with pytest.raises(SpecError, match='splits: "abop-ternary-a" knows no chance') as problem:
-        recipes(read_plan(path))
-    assert "plan.toml" in str(problem.value)
-    assert "\n" not in str(problem.value)
-    path.write_text(CHANCELESS.replace("abop", first, 1) + more)
-    assert len(recipes(read_plan(path))) == 20
+    with pytest.raises(SpecError, match=r'plan\.toml.* splits: "abop-ternary-a" knows no chance'):
+        recipes(plan(CHANCELESS))
+    assert len(recipes(plan(CHANCELESS.replace("abop", first, 1) + more))) == 20
 
 
-def test_a_flight_above_its_scanners_range_is_refused(tmp_path):
-    path = tmp_path / "plan.toml"
-    text = """
+HIGH = """
 [[scene.sensors]]
 kind = "airborne"
 name = "als"
@@ -238,13 +232,14 @@ sensor = "als"
 rule = "over"
 height = 80.0
 """
-    path.write_text(text)
-    with pytest.raises(
-        SpecError, match=r'80 m above the ground is beyond the range of "als", 60 m'
-    ):
-        recipes(read_plan(path, ["count=2"]))
-    assert recipes(read_plan(path, ["count=2", "keep.empty=true"]))
-    assert recipes(read_plan(path, ["count=2", "place[0].height=50.0"]))
+
+
+def test_a_flight_above_its_scanners_range_is_refused(plan):
+    beyond = r'80 m above the ground is beyond the range of "als", 60 m'
+    with pytest.raises(SpecError, match=beyond):
+        recipes(plan(HIGH, "count=2"))
+    for allowed in ("keep.empty=true", "place[0].height=50.0"):
+        assert recipes(plan(HIGH, "count=2", allowed))
 
 
 # --------------------------------------------------------------------------------------------- place
@@ -332,14 +327,13 @@ TRIPODS = (
 )
 
 
-def drawn(path, *overrides):
-    return [one.varied for one in recipes(read_plan(path, overrides))]
+def drawn(plan):
+    return [one.varied for one in recipes(plan)]
 
 
 @pytest.mark.medium
 def test_a_word_draws_instruments_noise_undergrowth_and_ground():
-    plan = PLANS / "measured-stands.toml"
-    found = drawn(plan, "randomise=measured", "count=60")
+    found = drawn(read_plan(PLANS / "measured-stands.toml", ["randomise=measured", "count=60"]))
     instruments = {one["sensors[*].scanner"] for one in found}
     assert instruments == set(TRIPODS)
     spread = [read_scanner(name).tables["terrestrial"]["noise"]["range_sd"] for name in TRIPODS]
@@ -347,21 +341,20 @@ def test_a_word_draws_instruments_noise_undergrowth_and_ground():
     assert min(own) >= 0.001  # the plan's own [vary] goes over it
     assert max(own) <= 0.006 < max(spread)
     assert {one["forest.undergrowth"] for one in found} == {"sparse", "dense"}  # likewise
-    settings = [
-        one.settings() for one in recipes(read_plan(plan, ("randomise=measured", "count=8")))
-    ]
+    few = read_plan(PLANS / "measured-stands.toml", ["randomise=measured", "count=8"])
+    settings = [one.settings() for one in recipes(few)]
     assert len({scene.sensors[0].beam.divergence_mrad for scene in settings}) > 1
     assert all(scene.sensors[0].max_range == 40.0 for scene in settings)  # the plan's, not theirs
 
 
-def test_a_mix_and_a_plain_scene(tmp_path):
-    path = tmp_path / "mix.toml"
-    path.write_text(
-        'count = 40\nrandomise = "measured"\n[scene]\n[[scene.sensors]]\nkind = "airborne"\n'
-        'name = "als"\nposition = [0.0, 0.0, 100.0]\n'
-        '[mix]\nspecies = ["maple", "hazelnut"]\ndensity = 0.01\n'
+def test_a_mix_and_a_plain_scene(plan):
+    found = drawn(
+        plan(
+            'count = 40\nrandomise = "measured"\n[scene]\n[[scene.sensors]]\nkind = "airborne"\n'
+            'name = "als"\nposition = [0.0, 0.0, 100.0]\n'
+            '[mix]\nspecies = ["maple", "hazelnut"]\ndensity = 0.01\n'
+        )
     )
-    found = drawn(path)
     assert {one["forest.undergrowth"] for one in found} == {"none", "sparse", "dense"}
     density = [one["mix.density"] for one in found]
     assert 0.005 <= min(density) < 0.008
@@ -370,19 +363,18 @@ def test_a_mix_and_a_plain_scene(tmp_path):
     assert len({one["sensors[*].scanner"] for one in found}) > 3
 
 
-def test_ears_have_no_instruments(tmp_path):
-    found = drawn(PLANS / "echoes.toml", "randomise=measured", "count=4")
+def test_ears_have_no_instruments():
+    found = drawn(read_plan(PLANS / "echoes.toml", ["randomise=measured", "count=4"]))
     assert not any("scanner" in key for one in found for key in one)
 
 
-def test_receivers_of_sonars_differ_in_level_noise_and_wind(tmp_path):
-    path = tmp_path / "ears.toml"
-    path.write_text(
+def test_receivers_of_sonars_differ_in_level_noise_and_wind(plan):
+    ears = plan(
         'count = 30\nrandomise = "measured"\n[scene]\n[[scene.sensors]]\nkind = "sonar"\n'
         'receiver = { source_level_db = 110, self_noise_db = 20, ambient = "wind" }\n'
         '[mix]\nspecies = ["maple"]\ndensity = 0.01\n'
     )
-    every = [one.settings().sensors[0].receiver for one in recipes(read_plan(path))]
+    every = [one.settings().sensors[0].receiver for one in recipes(ears)]
     levels, noise, wind = np.transpose(
         [(one.source_level_db, one.self_noise_db, one.wind_speed) for one in every]
     )
@@ -391,15 +383,11 @@ def test_receivers_of_sonars_differ_in_level_noise_and_wind(tmp_path):
         assert np.ptp(values) > 0.7 * (high - low)  # chance of less in 30: 3e-4
 
 
-def test_what_cannot_be_used_is_said(tmp_path):
+def test_what_cannot_be_used_is_said(plan):
     with pytest.raises(SpecError, match="randomise"):
         read_plan(PLANS / "tiny.toml", ("randomise=wild",))
-    path = tmp_path / "grid.toml"
-    path.write_text(
-        'randomise = "measured"\n[scene]\n[vary]\n"air.humidity" = { grid = [40.0, 60.0] }\n'
-    )
     with pytest.raises(SpecError, match="count"):
-        read_plan(path)
+        plan('randomise = "measured"\n[scene]\n[vary]\n"air.humidity" = { grid = [40.0, 60.0] }\n')
 
 
 STANDS = """randomise = "measured"
@@ -427,16 +415,9 @@ RANGES = {  # by the tables of docs/dataset.md
 }
 
 
-@pytest.fixture
-def stands(tmp_path):
-    (tmp_path / "stands.toml").write_text(STANDS)
-    return tmp_path / "stands.toml"
-
-
-def test_draws_stay_within_their_ranges_and_reach_both_ends(stands):
+def test_draws_stay_within_their_ranges_and_reach_both_ends(plan):
     """Of 500 draws one is in each outermost fiftieth: none is by chance in 4e-5 of the cases each."""
-    plan = read_plan(stands)
-    found = vary.draw(plan.varied, 3, 500)
+    found = vary.draw(plan(STANDS).varied, 3, 500)
     thresholds = []
     for name in TRIPODS:
         table = read_scanner(name).tables["terrestrial"]
@@ -462,10 +443,9 @@ def test_draws_stay_within_their_ranges_and_reach_both_ends(stands):
 
 
 @pytest.mark.medium
-def test_what_is_drawn_reaches_the_scene_by_its_seed_and_evergreens_keep_their_needles(stands):
-    plan = read_plan(stands)
-    one = recipes(plan, [2])[0]
-    assert one == recipes(read_plan(stands), [0, 2])[1]
+def test_what_is_drawn_reaches_the_scene_by_its_seed_and_evergreens_keep_their_needles(plan):
+    (one,) = recipes(plan(STANDS), [2])
+    assert one == recipes(plan(STANDS), [0, 2])[1]
     scene = one.settings()
     assert scene.wind.speed == one.varied["wind.speed"]
     assert scene.sensors[0].faintest == one.varied["sensors[*].faintest"]
@@ -474,18 +454,17 @@ def test_what_is_drawn_reaches_the_scene_by_its_seed_and_evergreens_keep_their_n
     density = [planting.density for planting in scene.plantings]
     assert sum(density) == pytest.approx(0.04)
     assert density != [0.03, 0.01]
-    other = recipes(read_plan(stands, ("seed=1",)), [2])[0]
+    (other,) = recipes(plan(STANDS, "seed=1"), [2])
     assert other.varied["wind.speed"] != one.varied["wind.speed"]
 
 
-def test_lines_of_an_aircraft_are_off_by_drawn_errors_that_change(tmp_path):
+def test_lines_of_an_aircraft_are_off_by_drawn_errors_that_change(plan):
     """One of 100 draws is in each outermost tenth: none is by chance in 3e-5 of the cases each."""
-    path = tmp_path / "lines.toml"
-    path.write_text(
+    lines = plan(
         'count = 100\nrandomise = "measured"\n[scene]\n[[scene.sensors]]\nkind = "airborne"\n'
         '[mix]\nspecies = ["maple"]\ndensity = 0.01\n'
     )
-    noise = [one.settings().sensors[0].noise for one in recipes(read_plan(path))]
+    noise = [one.settings().sensors[0].noise for one in recipes(lines)]
     for name, ends in vary.LINES.items():
         values = np.log([getattr(one, f"registration_{name}") for one in noise])
         low, high = np.log(ends)
@@ -509,9 +488,8 @@ def test_densities_dealt_anew_keep_their_mean_and_their_evenness():
         assert abs(entropy.mean() - expected) < 4 * entropy.std() / 4000**0.5
 
 
-def test_plans_without_the_word_draw_nothing_more(stands):
-    plan = read_plan(stands, ("randomise=none",))
-    one = recipes(plan, [0])[0]
+def test_plans_without_the_word_draw_nothing_more(plan):
+    (one,) = recipes(plan(STANDS, "randomise=none"), [0])
     assert one.varied == {}
     assert [planting.density for planting in one.settings().plantings] == [0.03, 0.01]
     assert [planting.season for planting in one.settings().plantings] == [0.0, 0.0]
