@@ -442,6 +442,20 @@ def claiming_las(path, at, code, *values):
     path.write_bytes(raw)
 
 
+def claiming_laz(path, kind):
+    """Its reader makes room for what its parts count, gigabytes for 655 bytes, or ends the process."""
+    las(path)
+    raw = bytearray(path.read_bytes())
+    begin = struct.unpack_from("<I", raw, 96)[0]
+    at, value = {
+        "layer": (begin + 8 + 30 + 4, 4_000_000_000),
+        "chunk table": (struct.unpack_from("<Q", raw, begin)[0] + 8, 0xFFFFFFFF),
+        "points of a chunk": (raw.index(b"laszip encoded") + 52 + 12, 0xFFFF7FFC),
+    }[kind]
+    struct.pack_into("<I", raw, at, value)
+    path.write_bytes(raw)
+
+
 def claiming_wav(path):
     write_wav(path, np.linspace(-1, 1, 50), 8000.0)
     raw = path.read_bytes()
@@ -476,6 +490,10 @@ CLAIMS = {
     "records behind": ("a.las", lambda path: claiming_las(path, 243, "<I", 4_000_000_000)),
     "points": ("a.las", lambda path: claiming_las(path, 247, "<Q", 10**15)),
     "packed points": ("a.laz", lambda path: claiming_las(path, 247, "<Q", 10**10)),
+    **{
+        kind: ("a.laz", lambda path, kind=kind: claiming_laz(path, kind))
+        for kind in ("layer", "chunk table", "points of a chunk")
+    },
     "vertices": ("a.ply", text(*PLY[:2], "element vertex 4000000000", *PLY[3:], "0 0")),
     "vertices of nothing": ("a.ply", text(*PLY[:2], "element vertex 4000000000", PLY[5], "0 0")),
     "accessors": ("a.glb", claiming_glb),
@@ -491,7 +509,7 @@ CLAIMS = {
 def test_a_head_that_counts_more_than_the_file_holds_is_refused_at_once(tmp_path, kind):
     name, make = CLAIMS[kind]
     make(tmp_path / name)
-    with pytest.raises(SpecError, match=f"{name}: is broken: its head counts"):
+    with pytest.raises(SpecError, match=f"{name}: is broken: (its head|a chunk) counts"):
         (read_las if name[:4] in ("a.la",) else refuse_claims)(tmp_path / name)
 
 
@@ -552,26 +570,6 @@ def test_a_ply_on_which_blender_ends_itself_is_refused_before(tmp_path, lines):
     text(*lines)(tmp_path / "a.ply")
     with pytest.raises(SpecError, match=r"a\.ply: (is no PLY that can be read|has a line of)"):
         refuse_claims(tmp_path / "a.ply")
-
-
-@pytest.mark.parametrize("kind", ["layer", "chunk table", "points of a chunk"])
-def test_a_laz_whose_parts_count_more_than_the_file_holds_is_refused(tmp_path, kind):
-    """Its reader makes room for what they count, gigabytes for a file of 655 bytes, or ends the process."""
-    las(tmp_path / "a.laz")
-    raw = bytearray((tmp_path / "a.laz").read_bytes())
-    begin = struct.unpack_from("<I", raw, 96)[0]
-    table = struct.unpack_from("<Q", raw, begin)[0]
-    at, code, value = {
-        "layer": (begin + 8 + 30 + 4, "<I", 4_000_000_000),
-        "chunk table": (table + 8, "<I", 0xFFFFFFFF),
-        "points of a chunk": (raw.index(b"laszip encoded") + 52 + 12, "<I", 0xFFFF7FFC),
-    }[kind]
-    struct.pack_into(code, raw, at, value)
-    (tmp_path / "a.laz").write_bytes(raw)
-    with pytest.raises(
-        SpecError, match=r"a\.laz: is broken: a chunk counts [\d,]+ points or bytes"
-    ):
-        read_las(tmp_path / "a.laz")
 
 
 def test_an_stl_of_too_many_facets_is_refused(tmp_path):

@@ -57,6 +57,12 @@ def killed_after(pulses):
     return progress
 
 
+def kill(path, scan, pulses, **how):
+    """Write a scan until so many pulses are done."""
+    with pytest.raises(Killed):
+        write_scan(path, scan, 5, progress=killed_after(pulses), **how)
+
+
 @pytest.mark.medium
 @pytest.mark.parametrize("kind", POINT_FORMATS)
 def test_every_format_holds_the_scan(tmp_path, kind):
@@ -88,8 +94,7 @@ def test_an_interrupted_scan_ends_with_the_same_bytes(tmp_path, kind, kills):
     whole, cut = tmp_path / f"whole.{kind}", tmp_path / f"cut.{kind}"
     write_scan(whole, work(), 5, at_once=64)
     for pulses in kills:
-        with pytest.raises(Killed):
-            write_scan(cut, work(), 5, at_once=64, resume=True, progress=killed_after(pulses))
+        kill(cut, work(), pulses, at_once=64, resume=True)
         assert not cut.exists()
         rows, _, rest = ply_rows(tmp_path / "cut.partial.ply")
         noted = json.loads((tmp_path / "cut.partial.json").read_text())
@@ -141,8 +146,7 @@ def test_a_pulse_that_cannot_be_measured_costs_no_other(tmp_path):
 
 def test_what_was_lost_before_an_interruption_is_named_after_it(tmp_path):
     path = tmp_path / "a.ply"
-    with pytest.raises(Killed):
-        write_scan(path, faulty(40, 300), 5, at_once=64, progress=killed_after(128))
+    kill(path, faulty(40, 300), 128, at_once=64)
     done = write_scan(path, faulty(40, 300), 5, resume=True)
     assert [(lost.first, lost.stop) for lost in done.lost] == [(40, 41), (300, 301)]
     write_scan(tmp_path / "b.ply", faulty(40, 300), 5, at_once=64)
@@ -161,8 +165,7 @@ def test_a_caster_that_fails_always_ends_the_scan_and_keeps_what_is_done(tmp_pat
 
 def test_rows_that_were_written_but_not_noted_are_cut_off(tmp_path):
     path = tmp_path / "a.ply"
-    with pytest.raises(Killed):
-        write_scan(path, work(), 5, at_once=64, progress=killed_after(128))
+    kill(path, work(), 128, at_once=64)
     partial = tmp_path / "a.partial.ply"
     with open(partial, "ab") as file:
         file.write(b"half a row that was being written")
@@ -183,8 +186,7 @@ def test_rows_that_were_written_but_not_noted_are_cut_off(tmp_path):
 )
 def test_another_scan_is_not_gone_on_with(tmp_path, other):
     path = tmp_path / "a.laz"
-    with pytest.raises(Killed):
-        write_scan(path, work(), 5, progress=killed_after(1))
+    kill(path, work(), 1)
     changed, seed = other()
     with pytest.raises(SpecError, match="of another scan"):
         write_scan(path, changed, seed, resume=True)
@@ -200,8 +202,7 @@ def test_a_note_that_is_no_json_is_refused(tmp_path):
 
 
 def test_rows_that_were_lost_are_noticed(tmp_path):
-    with pytest.raises(Killed):
-        write_scan(tmp_path / "a.laz", work(), 5, at_once=64, progress=killed_after(200))
+    kill(tmp_path / "a.laz", work(), 200, at_once=64)
     (tmp_path / "a.partial.ply").unlink()
     with pytest.raises(OSError, match="lost rows"):
         write_scan(tmp_path / "a.laz", work(), 5, resume=True)
@@ -367,8 +368,7 @@ def test_what_another_way_decomposes_of_the_records_are_the_points(tmp_path, end
 def test_waveforms_of_a_scan_that_was_killed_are_those_of_one_that_was_not(tmp_path, ending):
     whole, broken = tmp_path / f"whole.{ending}", tmp_path / f"broken.{ending}"
     write_scan(whole, work(WAVED), 5, at_once=100)
-    with pytest.raises(Killed):
-        write_scan(broken, work(WAVED), 5, at_once=100, progress=killed_after(200))
+    kill(broken, work(WAVED), 200, at_once=100)
     with open(tmp_path / "broken.partial.wdp", "ab") as file:
         file.write(b"lost")
     write_scan(broken, work(WAVED), 5, at_once=100, resume=True)

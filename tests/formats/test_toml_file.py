@@ -1,7 +1,6 @@
 """Whatever is wrong with a file of settings is said in one sentence with file, key and what is allowed."""
 
 import gc
-import re
 import shutil
 import tempfile
 import tomllib
@@ -41,6 +40,9 @@ def read(tmp_path, text):
     return read_settings(path, Scene)
 
 
+NEXT = int(version().split(".")[0]) + 1
+
+
 def test_a_whole_scene_is_read(tmp_path):
     scene = read(
         tmp_path,
@@ -62,9 +64,6 @@ def test_a_whole_scene_is_read(tmp_path):
     assert scene.plantings[0].gaussians[0].centre == (1.0, 2.0)
     assert isinstance(scene.sensors[0], Sonar)
     assert scene.sensors[0].beam_width_deg == (50.0, 30.0)
-
-
-def test_an_empty_file_is_the_default_scene(tmp_path):
     assert read(tmp_path, "") == Scene()
 
 
@@ -95,22 +94,23 @@ def test_an_empty_file_is_the_default_scene(tmp_path):
         ("[[sensors]]\nname = 'x'", "sensors[0].kind", "is missing"),
         ("[[sensors]]\nkind = 'sonar'\nband = [1, 'a']", "sensors[0].band[1]", "not a number"),
         ("[output]\nblend = 1", "output.blend", "1 is not true or false"),
+        *((text, "", "is not TOML") for text in ("[forest", "a = ", "a=1\na=2", b"\x00\x01")),
+        (b"\xff\xfe\x00", "", "is not a text file"),
+        *((f"version = '{NEXT}.{more}'", "", "install") for more in ("0", "2.1")),
+        *(
+            (f"version = {said}", "version", "is no version")
+            for said in ("'soon'", "'1'", "'-1.0'")
+        ),
+        ("version = 1.0", "version", "is no version"),
     ],
 )
 def test_one_sentence_names_file_key_and_what_is_allowed(tmp_path, text, key, words):
     with pytest.raises(SpecError) as caught:
         read(tmp_path, text)
     said = str(caught.value)
-    assert said.startswith(f"{tmp_path / 'scene.toml'}: {key}: ")
+    assert said.startswith(f"{tmp_path / 'scene.toml'}: {key}{': ' * bool(key)}")
     assert words in said
     assert "\n" not in said
-
-
-@pytest.mark.parametrize("text", ["[forest", "a = ", b"\xff\xfe\x00", b"\x00\x01", "a=1\na=2"])
-def test_what_is_not_toml_is_said_to_be_so(tmp_path, text):
-    with pytest.raises(SpecError, match=re.escape(str(tmp_path / "scene.toml"))) as caught:
-        read(tmp_path, text)
-    assert re.search("is not TOML|not a text file", str(caught.value))
 
 
 def test_missing_files_and_folders(tmp_path):
@@ -173,14 +173,6 @@ def test_a_file_of_a_later_minor_version_is_read_and_named_where_a_key_is_not_kn
     assert "written for" not in str(now.value)
 
 
-@pytest.mark.parametrize("said", ['"{next}.0"', '"{next}.2.1"', '"soon"', "1.0", '"1"', '"-1.0"'])
-def test_a_file_of_a_later_major_version_or_none_is_refused(tmp_path, said):
-    major = int(version().split(".")[0])
-    with pytest.raises(SpecError, match=r"install|is no version") as refused:
-        read(tmp_path, f"version = {said.format(next=major + 1)}")
-    assert "scene.toml" in str(refused.value)
-
-
 def test_the_first_scene_file_of_all_is_read_as_it_was(tmp_path):
     """The demo of version 0.1.0, as it was committed."""
     scene = read_settings(Path(__file__).with_name("demo-0.1.0.toml"), Scene)
@@ -190,12 +182,6 @@ def test_the_first_scene_file_of_all_is_read_as_it_was(tmp_path):
 
 # -------------------------------------------------------------------------------------- scanner file
 # Instruments as settings: every preset works, a sensor's own settings go over it.
-
-
-def scene_of(tmp_path, text):
-    path = tmp_path / "scene.toml"
-    path.write_text(text)
-    return read_settings(path, Scene)
 
 
 @pytest.mark.parametrize("name", scanner_names())
@@ -222,7 +208,7 @@ def test_presets_are_what_their_sheets_say():
 
 
 def test_a_sensor_starts_from_its_scanner(tmp_path):
-    scene = scene_of(
+    scene = read(
         tmp_path,
         '[[sensors]]\nkind = "terrestrial"\nscanner = "riegl-vz-400i"\nmax_range = 50.0\n'
         "beam = { subrays = 3 }\n",
@@ -235,7 +221,7 @@ def test_a_sensor_starts_from_its_scanner(tmp_path):
 
 def test_a_scanner_file_of_ones_own_beside_the_scene(tmp_path):
     (tmp_path / "mine.toml").write_text("[terrestrial]\nmax_range = 33.0\n")
-    scene = scene_of(tmp_path, '[[sensors]]\nkind = "terrestrial"\nscanner = "mine.toml"\n')
+    scene = read(tmp_path, '[[sensors]]\nkind = "terrestrial"\nscanner = "mine.toml"\n')
     assert scene.sensors[0].max_range == 33
 
 
@@ -257,7 +243,7 @@ def test_what_cannot_be_used_is_said(tmp_path, kind, name, words):
     (tmp_path / "typo.toml").write_text("[airbone]\nspeed = 3\n")
     (tmp_path / "wrong.toml").write_text("[airborne]\nbeam = { subrais = 3 }\n")
     with pytest.raises(SpecError, match=words):
-        scene_of(tmp_path, f'[[sensors]]\nkind = "{kind}"\nscanner = "{name}"\n')
+        read(tmp_path, f'[[sensors]]\nkind = "{kind}"\nscanner = "{name}"\n')
 
 
 def test_tables_are_merged_within():
