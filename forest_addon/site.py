@@ -18,6 +18,7 @@ from .growth.library import check_known, find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
+from .sensing.looks import TellingLook
 from .spec import AUTO, Scene, SpecError
 from .stand.compose import Inputs
 from .stand.files import read_inputs
@@ -90,7 +91,7 @@ class ForestSite:
             for number, planting in enumerate(scene.plantings)
         )
         looks = [kind_of(sensor).look(sensor) for sensor in scene.sensors]
-        looked_at = any(look.tells_leaves or look.meets_wood for look in looks)
+        looked_at = any(isinstance(look, TellingLook) for look in looks)
         own = len(scene.plantings)
         scene, species = with_undergrowth(
             scene, species, looked_at, lambda name: load(name, folder)

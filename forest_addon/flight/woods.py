@@ -301,17 +301,11 @@ class Stock:
 # is once something comes within its own size of it. No wind of a forest bends a tree so far off its rest.
 
 
-class NearbySway:
-    """The sway of a forest, whose trees are asked for their motion when something comes near.
-
-    sway : of the forest; what is not named here is its own.
-    """
+class NearbySway(ForestSway):
+    """The sway of a forest, whose trees are asked for their motion when something comes near."""
 
     def __init__(self, sway: ForestSway) -> None:
-        self._sway = sway
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._sway, name)
+        vars(self).update(vars(sway))
 
     def most(
         self, tree: int, low: np.ndarray, high: np.ndarray, knot: np.ndarray | None = None
@@ -319,7 +313,7 @@ class NearbySway:
         """Largest displacement, as of ``ForestSway``; at most the size of the tree."""
         if knot is None:
             return float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
-        return self._sway.most(tree, low, high, knot)
+        return super().most(tree, low, high, knot)
 
 
 class SwayingObstacles(MeshObstacles):

@@ -32,7 +32,7 @@ from ..spec import Choice, Scene, Species
 from ..stand.compose import Inputs
 from ..stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBefore, keys_of
 from .kinds import kind_of
-from .looks import Leafy, SensorLook, Upright, range_shift
+from .looks import BeamLook, Leafy, SensorLook, TellingLook, Upright, range_shift
 
 COARSE = 1000  # added to a variant's number; a planting has at most as many
 SHARE = 0.25  # of the leaves, and of a shoot's blades, that a coarse variant has
@@ -95,7 +95,7 @@ def _without_unmet_leaves(
 def _with_coarse(plan: ForestPlan, forest: GrownForest, looks: Sequence[SensorLook]) -> GrownForest:
     """The forest with coarse variants where trees are far, and the decision in sentences."""
     trees = _foliage(forest)
-    tell = [look for look in looks if look.tells_leaves]
+    tell = [look for look in looks if isinstance(look, TellingLook)]
     far, notes = _far(trees, tell)
     stand = replace(
         forest.stand, variant=np.where(far, forest.stand.variant + COARSE, forest.stand.variant)
@@ -117,7 +117,7 @@ def _in_their_units(
     variants: dict[Key, Tree],
     trees: Leafy,
     far: np.ndarray,
-    looks: Sequence[SensorLook],
+    looks: Sequence[TellingLook],
 ) -> tuple[Choice, ...]:
     """Results of sensors that reach far trees, and by how much coarse leaves move them."""
     within = {look.name: far & (look.distance(trees) <= look.range) for look in looks}
@@ -133,7 +133,7 @@ def _in_their_units(
     return tuple(look.off_by(trees, within[look.name], shift) for look in looks)
 
 
-def _far(trees: Leafy, looks: Sequence[SensorLook]) -> tuple[np.ndarray, tuple[str, ...]]:
+def _far(trees: Leafy, looks: Sequence[TellingLook]) -> tuple[np.ndarray, tuple[str, ...]]:
     """(N,) bool, trees that are far from every sensor, and why; none where no sensor looks, or where one may
     be anywhere.
     """
@@ -193,8 +193,8 @@ def _with_coarse_tubes(
     if any(look.exact_wood for look in looks):
         return forest, ()
     trees, variants, made = _uprights(forest), dict(forest.variants), dict[Key, float]()
-    away = [look.distance(trees) for look in looks if look.meets_wood]
-    beams = [look for look in looks if look.meets_wood]
+    beams = [look for look in looks if isinstance(look, BeamLook)]
+    away = [look.distance(trees) for look in beams]
     for key, tree in forest.variants.items():
         tolerance = _tolerance(forest, key, beams, away)
         if tolerance is not None:
@@ -222,7 +222,7 @@ def _with_coarse_tubes(
 
 
 def _tolerance(
-    forest: GrownForest, key: Key, beams: Sequence[SensorLook], away: Sequence[np.ndarray]
+    forest: GrownForest, key: Key, beams: Sequence[BeamLook], away: Sequence[np.ndarray]
 ) -> float | None:
     """Metres that a variant's tubes may be off by, None where they stay as they are.
 
@@ -235,7 +235,7 @@ def _tolerance(
     for look, metres in zip(beams, away, strict=True):
         nearest = float(metres[rows].min(initial=np.inf))
         if nearest <= look.range:
-            finest = min(finest, look.footprint(nearest))
+            finest = min(finest, look.widths(nearest))
     if not beams or not np.isfinite(finest):  # no beam gets there
         return None
     tolerance = OFF * finest / float(forest.stand.scale[rows].max(initial=1.0))

@@ -82,55 +82,32 @@ class SensorLook:
     exact_wood: bool = True
     slack: float = 0.0
 
-    tells_leaves = False  # whether it can tell one leaf from another
-    meets_wood = False  # by beams
-
     def distance(self, trees: Upright) -> np.ndarray:
         """(N,) metres, or less, to each tree; 0 where the trajectory is not known."""
         if self.corners is None:
             return np.zeros(len(trees.place))
         return np.maximum(trees.distance(self.corners) - self.slack, 0.0)
 
-    def blurs(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
-        """(N,) bool, whether coarse leaves of trees at distances (N,) are as good as all."""
-        raise NotImplementedError
-
-    def why_blurred(self, trees: Leafy, away: np.ndarray, row: int) -> str:
-        """The reason in words, of a tree."""
-        raise NotImplementedError
-
-    def footprint(self, distance: float) -> float:
-        """Metres across the narrowest that a beam is at a distance or beyond; 0: a line."""
-        raise NotImplementedError
-
-    def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
-        """Error of its results by coarse leaves of trees (N,) bool, in its own units."""
-        raise NotImplementedError
-
 
 @dataclass(frozen=True)
 class BeamLook(SensorLook):
-    """A scanner: ``resolves`` gives (N,) metres that it tells apart at distances (N,), ``widths`` the
-    footprint at one."""
+    """A scanner: ``resolves`` gives (N,) metres that it tells apart at distances (N,), ``widths`` the metres
+    across the narrowest that a beam is at one or beyond; 0: a line."""
 
     resolves: Callable[[np.ndarray], np.ndarray] = np.zeros_like
     widths: Callable[[float], float] = lambda _distance: 0.0
 
-    tells_leaves = True
-    meets_wood = True
-
     def blurs(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
+        """(N,) bool, whether coarse leaves of trees at distances (N,) are as good as all."""
         return np.asarray(self.resolves(away) >= trees.length)
 
     def why_blurred(self, trees: Leafy, away: np.ndarray, row: int) -> str:
+        """The reason in words, of a tree."""
         fine, long = 100 * self.resolves(away)[row], 100 * trees.length[row]
         return f"which tells {fine:.1f} cm apart there; leaves have up to {long:.1f} cm"
 
-    def footprint(self, distance: float) -> float:
-        return self.widths(distance)
-
     def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
-        """Shift of first ranges; see ``range_shift``."""
+        """Error of its results by coarse leaves of trees (N,) bool, in its own units; see ``range_shift``."""
         why = (
             f"in nine of ten of {self.name}'s rays that meet one of {far.sum():,} trees with a quarter of "
             f"their leaves, the median beside it; of the rays through their crowns {shift.passing:.1%} pass "
@@ -149,9 +126,8 @@ class EchoLook(SensorLook):
     band: tuple[float, float] = (0.0, 1.0)
     hears_leaves: bool = True
 
-    tells_leaves = True
-
     def blurs(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
+        """As of ``BeamLook``."""
         if not self.hears_leaves:
             return np.ones(len(away), dtype=bool)
         many = self.heard_together(trees, away) >= TOGETHER
@@ -160,6 +136,7 @@ class EchoLook(SensorLook):
         return many & (np.abs(louder - 1) <= LOUDNESS)[which] & (trees.radius > 0)
 
     def why_blurred(self, trees: Leafy, away: np.ndarray, row: int) -> str:
+        """As of ``BeamLook``."""
         many = self.heard_together(trees, away)[row]
         louder = loudness(self.band, round(float(trees.radius[row]), 4))
         return f"where {many:.0f} sound as one, {10 * np.log10(louder):+.2f} dB"
@@ -184,6 +161,9 @@ class EchoLook(SensorLook):
         deep = SOUND / (2 * max(high - low, 1.0))
         across = np.minimum(away * self.beam_width, 2 * trees.reach)
         return np.asarray(trees.density * np.pi / 4 * across**2 * np.minimum(deep, trees.reach))
+
+
+TellingLook = BeamLook | EchoLook  # can tell one leaf from another
 
 
 @cache

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..base.kept import LastAsked
 from ..base.rows import distinct
 from ..base.runs import numbered
 from ..base.trimesh import LEAF, OTHER, TriMesh
@@ -23,6 +24,9 @@ from .rays.caster import Hits, hit_normals
 from .rays.geometry import OF_MESHES, SceneGeometry
 from .rays.paths import SceneMotion, ShapePath
 
+if TYPE_CHECKING:
+    from ..stand.wind import ForestSway
+
 KNOTS = 32  # a second
 SPAN = 4  # knots of a window, for which pieces are placed together
 EPOCH = 16  # windows, in which a tree does not leave a box
@@ -30,29 +34,6 @@ AROUND = 0.1  # metres about a bundle of rays, whose pieces are placed with thos
 KEPT = 256  # trees by windows, whose pieces are kept in place
 WINDOWS = 4  # that are kept: rays that go on ask again for those of their batch
 EMPTY = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3), np.int64), OTHER)  # of what is met apart
-
-
-class TreesOfStand(Protocol):
-    """Trees by their number in the stand, some of which move."""
-
-    @property
-    def number(self) -> dict[int, int]: ...
-
-    def moves(self, tree: int) -> bool: ...
-
-
-class Swaying(TreesOfStand, Protocol):
-    """Trees that sway, as ``stand.wind`` has them; named by their number in the stand."""
-
-    def leaning(self) -> int: ...
-
-    def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray: ...
-
-    def places(self, tree: int, knot: np.ndarray) -> np.ndarray: ...
-
-    def most(
-        self, tree: int, low: np.ndarray, high: np.ndarray, knot: np.ndarray | None = None
-    ) -> float: ...
 
 
 class MovingScene:
@@ -71,7 +52,7 @@ class MovingScene:
         read: SceneGeometry,
         motion: SceneMotion | None = None,
         whole: SceneGeometry | None = None,
-        sway: Swaying | None = None,
+        sway: ForestSway | None = None,
         start: float = 0.0,
         like: MovingScene | None = None,
     ) -> None:
@@ -302,7 +283,7 @@ class CutTrees:
     """
 
     def __init__(
-        self, scene: SceneGeometry, tree: np.ndarray, sway: Swaying, like: CutTrees | None = None
+        self, scene: SceneGeometry, tree: np.ndarray, sway: ForestSway, like: CutTrees | None = None
     ) -> None:
         self._sway = sway
         self._known: dict[tuple[int, int], list[tuple[int, int]]] = {}
@@ -337,10 +318,11 @@ class CutTrees:
         else:
             self.meshes, self.boxes = like.meshes, like.boxes
         self._join_seams()
-        self._placed: dict[tuple[int, int], np.ndarray] = {}
         self._windows: dict[int, tuple[np.ndarray, PieceWindow]] = {}
         self._trees = self._by_tree(np.arange(len(cuts_of_trees)))
-        self._bounds_in: dict[tuple[int, int], np.ndarray] = {}
+        most = max(KEPT, 2 * len(self._trees))
+        self._placed: LastAsked[tuple[int, int], np.ndarray] = LastAsked(most)
+        self._bounds_in: LastAsked[tuple[int, int], np.ndarray] = LastAsked(most)
         ends = np.array([self._bounds(rows) for rows in self._trees]).reshape(-1, 2, 3)
         self._ever = ends[:, 0], ends[:, 1]
         self.hull = ends[:, 0].min(0, initial=np.inf), ends[:, 1].max(0, initial=-np.inf)
@@ -414,22 +396,13 @@ class CutTrees:
 
     def _places(self, tree: int, block: int) -> np.ndarray:
         """(SPAN + 1, G, 3, 4) of a tree's pieces in its own frame; kept."""
-        key = (tree, block)
-        if key not in self._placed:
-            while len(self._placed) >= max(KEPT, 2 * len(self._trees)):
-                self._placed.pop(next(iter(self._placed)))
-            self._placed[key] = self._sway.places(tree, block * SPAN + np.arange(SPAN + 1))
-        return self._placed[key]
+        knot = block * SPAN + np.arange(SPAN + 1)
+        return self._placed.once((tree, block), lambda: self._sway.places(tree, knot))
 
     def _bounds_of(self, tree: int, epoch: int) -> np.ndarray:
         """(2, 3) corners in the world that a tree of those that sway does not leave in an epoch; kept."""
-        key = tree, epoch
-        if key not in self._bounds_in:
-            while len(self._bounds_in) >= max(KEPT, 2 * len(self._trees)):
-                self._bounds_in.pop(next(iter(self._bounds_in)))
-            knot = (epoch * EPOCH * SPAN) + np.arange(EPOCH * SPAN + 1)
-            self._bounds_in[key] = self._bounds(self._trees[tree], knot)
-        return self._bounds_in[key]
+        knot = (epoch * EPOCH * SPAN) + np.arange(EPOCH * SPAN + 1)
+        return self._bounds_in.once((tree, epoch), lambda: self._bounds(self._trees[tree], knot))
 
     def _bounds(self, rows: np.ndarray, knot: np.ndarray | None = None) -> np.ndarray:
         """(2, 3) corners in the world that a tree, of pieces (G,), does not leave between knots (K,); left
@@ -493,7 +466,7 @@ def _surfaces(
     return replace(scene, meshes=meshes, mesh_index=index, crowd=(), **bare)  # type: ignore[arg-type]
 
 
-def trees_that_sway(scene: SceneGeometry, sway: TreesOfStand | None) -> np.ndarray:
+def trees_that_sway(scene: SceneGeometry, sway: ForestSway | None) -> np.ndarray:
     """(I,) the number in the stand of each instance that is a tree which sways, -1 of all others."""
     tree_of = np.full(len(scene), -1)
     if sway is not None:

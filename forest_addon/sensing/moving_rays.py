@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from ..base.kept import LastAsked
 from ..base.trimesh import TriMesh
 from .moving import MovingScene, swept, taken_back, turned_back
 from .rays.boxes import BoxTree
@@ -207,7 +209,7 @@ class BentCaster(RayCaster):
     def __init__(self, scene: SceneGeometry, shape: ShapePath) -> None:
         self.scene, self._shape = scene, shape
         self._mesh = scene.meshes[0]
-        self._boxes: dict[int, list[Level]] = {}
+        self._boxes: LastAsked[int, list[Level]] = LastAsked(KEPT)
 
     def cast(
         self,
@@ -231,7 +233,9 @@ class BentCaster(RayCaster):
         for rows in np.split(order, np.flatnonzero(np.diff(row[order])) + 1):
             if not len(rows):
                 continue
-            boxes = len(self._mesh.triangles), self._levels(int(row[rows[0]]))
+            step = int(row[rows[0]])
+            levels = self._boxes.once(step, partial(self._levels, step))
+            boxes = len(self._mesh.triangles), levels
             pair, triangle = candidates(boxes, origins[rows], ways[rows], far[rows])
             ray = rows[pair]
             corners = self._shape.at(self._mesh.triangles[triangle], time[ray])
@@ -243,15 +247,9 @@ class BentCaster(RayCaster):
         return hits
 
     def _levels(self, row: int) -> list[Level]:
-        if row not in self._boxes:
-            while len(self._boxes) >= KEPT:
-                self._boxes.pop(next(iter(self._boxes)))
-            ends = self._shape.vertices[row : row + 2].astype(np.float64)
-            low, high = ends.min(axis=0), ends.max(axis=0)
-            triangles = self._mesh.triangles
-            self._boxes[row] = (
-                grouped(low[triangles].min(axis=1), high[triangles].max(axis=1))
-                if len(triangles)
-                else []
-            )
-        return self._boxes[row]
+        ends, triangles = (
+            self._shape.vertices[row : row + 2].astype(np.float64),
+            self._mesh.triangles,
+        )
+        low, high = ends.min(axis=0)[triangles], ends.max(axis=0)[triangles]
+        return grouped(low.min(axis=1), high.max(axis=1)) if len(triangles) else []

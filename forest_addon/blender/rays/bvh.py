@@ -8,7 +8,6 @@ nearest on, until it would enter one beyond the best hit so far.
 from __future__ import annotations
 
 import gc
-from dataclasses import dataclass
 from itertools import islice, pairwise
 from operator import itemgetter
 
@@ -16,7 +15,6 @@ import bpy  # noqa: F401  where Blender is a module, it brings mathutils
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ...base.rows import RowTable
 from ...sensing.rays.boxes import BoxTree
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
@@ -27,9 +25,6 @@ BEFORE_SHARE = 1e-5
 TURN = 256  # rays; between them other threads have their turn, as the window that waits
 FAR = 3e38  # the longest way that float32 holds
 SLACK = 1e-3  # metres that a ray goes on behind what it has met: float32 may be wrong
-
-Met = tuple[np.ndarray, np.ndarray, np.ndarray]  # ray, instance, triangle, (M,) each
-NOTHING: Met = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 class BvhCaster(Search):
@@ -57,61 +52,71 @@ class BvhCaster(Search):
         limit: np.ndarray,
         time: np.ndarray,
     ) -> Hits:
-        """Let rays visit their instances; of what each met, the nearest by its exact distance."""
+        """Let rays visit their instances, all their nearest, then all their second, until they would enter
+        one behind what they have met; of what each met, the nearest by its exact distance."""
         ray, box, entry = self._boxes.pairs(origins, directions, start, limit)
-        pairs = _Pairs(ray, box, np.maximum(entry * (1 - BEFORE_SHARE) - BEFORE, start[ray]), entry)
+        begin = np.maximum(entry * (1 - BEFORE_SHARE) - BEFORE, start[ray])
+        best, hits = limit.copy(), Hits.misses(len(limit))
+        turn = np.flatnonzero(np.diff(ray, prepend=-1))
+        last = np.append(turn[1:], len(ray))
         collecting = gc.isenabled()
         try:  # without the collector: the loops make millions of small tuples, none in a cycle
             gc.disable()  # within: a job may be cancelled at any line
-            ray, box, triangle = self._in_rounds(pairs, origins, directions, limit)
+            while len(turn):
+                near = entry[turn] <= best[ray[turn]]
+                turn, last = turn[near], last[near]
+                pair, triangle = self._only(turn, ray, box, begin, origins, directions, best)
+                rays, instance = ray[pair], box[pair]
+                ways = origins.take(rays, 1), directions.take(rays, 1)
+                distance, normal = meet_planes(self.scene, *ways, instance, triangle)
+                # Of two at the same distance the first instance counts.
+                first = (distance == hits.distance[rays]) & (instance < hits.instance[rays])
+                some = np.flatnonzero(
+                    (distance <= limit[rays]) & ((distance < hits.distance[rays]) | first)
+                )
+                hits.put(rays[some], Hits(distance, instance, triangle, normal.T).select(some))
+                best[rays] = np.minimum(best[rays], distance)
+                turn = turn + 1
+                more = turn < last
+                turn, last = turn[more], last[more]
         finally:
             if collecting:
                 gc.enable()
-        distance, normal = meet_planes(
-            self.scene, origins.take(ray, 1), directions.take(ray, 1), box, triangle
-        )
-        within = (distance <= limit[ray]).nonzero()[0]
-        # Of two at the same distance the first instance counts.
-        order = within[np.lexsort((box[within], distance[within], ray[within]))]
-        chosen = order[_firsts(ray[order])]
-        hits = Hits.misses(len(limit))
-        met = Hits(distance, box, triangle, normal.T).select(chosen)
-        hits.put(ray[chosen], met)
         return hits
 
     def _only(
         self,
-        pairs: _Pairs,
+        pair: np.ndarray,
+        ray: np.ndarray,
+        box: np.ndarray,
+        begin: np.ndarray,
         origins: np.ndarray,
         directions: np.ndarray,
         limit: np.ndarray,
-    ) -> Met:
-        """Hits of rays, each in the one instance of its pair: ray (M,), instance (M,), triangle
-        (M,)."""
-        mesh_of = self.scene.mesh_index[pairs.box]
-        if (np.diff(mesh_of) < 0).any():
-            pairs = pairs.select(np.argsort(mesh_of, kind="stable"))
-            mesh_of = self.scene.mesh_index[pairs.box]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Those of pairs (M,) of a ray and an instance, by number, whose ray meets its instance within its
+        limit, and the triangles (M,) met; ``begin`` : metres along the ray where it starts into that."""
+        pair = pair[np.argsort(self.scene.mesh_index[box[pair]], kind="stable")]
+        mesh_of, start, ray = self.scene.mesh_index[box[pair]], begin[pair], ray[pair]
         # Rays in the space of their instances.
-        m = self._to_local.take(pairs.box, 1).reshape(3, 4, -1)
-        d = directions.take(pairs.ray, 1)
-        o = pairs.begin * d
-        o += origins.take(pairs.ray, 1)
+        m = self._to_local.take(box[pair], 1).reshape(3, 4, -1)
+        d = directions.take(ray, 1)
+        o = start * d
+        o += origins.take(ray, 1)
         origin, way = m[:, 0] * o[0], m[:, 0] * d[0]
         for axis in (1, 2):
             origin += m[:, axis] * o[axis]
             way += m[:, axis] * d[axis]
         origin += m[:, 3]
         stretch = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-        long = ((limit[pairs.ray] - pairs.begin) * (1 + 1e-6) + SLACK) * stretch
-        reach = np.minimum(long, FAR)
+        reach = np.minimum(((limit[ray] - start) * (1 + 1e-6) + SLACK) * stretch, FAR)
         cuts = [0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)]
         triangle = np.full(len(mesh_of), -1, dtype=np.int64)
-        for first, last in pairwise(cuts if len(mesh_of) else [0]):
-            rows, mesh = slice(first, last), int(mesh_of[first])
+        for first, stop in pairwise(cuts if len(mesh_of) else [0]):
+            rows, mesh = slice(first, stop), int(mesh_of[first])
             triangle[rows] = self._cast_each(mesh, origin[:, rows], way[:, rows], reach[rows])
-        met = (triangle >= 0).nonzero()[0]
-        return pairs.ray[met], pairs.box[met], triangle[met]
+        met = np.flatnonzero(triangle >= 0)
+        return pair[met], triangle[met]
 
     def _cast_each(
         self, mesh: int, origin: np.ndarray, way: np.ndarray, reach: np.ndarray
@@ -129,28 +134,6 @@ class BvhCaster(Search):
         triangle[met] = numbers[place[met].astype(np.int64)]
         return triangle
 
-    def _in_rounds(
-        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
-    ) -> Met:
-        """Hits of rays that go from instance to instance, the nearest first, until they would enter
-        one behind what they have met: all visit their nearest instance, then all their second."""
-        turn = _firsts(pairs.ray)
-        last = np.append(turn[1:], len(pairs.ray))
-        best, rounds = limit.copy(), [NOTHING]
-        while len(turn):
-            near = pairs.entry[turn] <= best[pairs.ray[turn]]
-            turn, last = turn[near], last[near]
-            ray, box, triangle = self._only(pairs.select(turn), origins, directions, best)
-            rays = origins.take(ray, 1), directions.take(ray, 1)
-            distance, _ = meet_planes(self.scene, *rays, box, triangle)
-            best[ray] = np.minimum(best[ray], distance)
-            rounds.append((ray, box, triangle))
-            turn = turn + 1
-            more = turn < last
-            turn, last = turn[more], last[more]
-        ray, box, triangle = (np.concatenate(part) for part in zip(*rounds, strict=True))
-        return ray, box, triangle
-
     def _tree(self, mesh_number: int) -> tuple[BVHTree, np.ndarray]:
         """The BVHTree of a mesh, made when first needed and kept with it, and its triangles' numbers."""
         mesh = self.scene.meshes[mesh_number]
@@ -163,25 +146,3 @@ class BvhCaster(Search):
             )
             ready = vars(mesh)["_tree"] = (tree, numbers)
         return ready
-
-
-@dataclass(frozen=True)
-class _Pairs(RowTable):
-    """P pairs of a ray and an instance that it may meet, by ray and then by entry.
-
-    ray, box : (P,). begin : (P,) metres along the ray where it starts into the instance, a little before
-    its ``entry`` (P,).
-    """
-
-    ray: np.ndarray
-    box: np.ndarray
-    begin: np.ndarray
-    entry: np.ndarray
-
-
-def _firsts(ray: np.ndarray) -> np.ndarray:
-    """First place of each ray in a sorted (P,)."""
-    new = np.empty(len(ray), dtype=bool)
-    new[:1] = True
-    np.not_equal(ray[1:], ray[:-1], out=new[1:])
-    return new.nonzero()[0]

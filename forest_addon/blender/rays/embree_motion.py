@@ -10,14 +10,15 @@ does.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Iterator
+from functools import partial
 from threading import Lock
 from weakref import WeakKeyDictionary, proxy
 
 import numpy as np
 import scipy
 
+from ...base.kept import LastAsked
 from ...base.trimesh import TriMesh
 from ...sensing.moving import MovingScene, PieceWindow
 from ...sensing.moving_rays import MovingCaster
@@ -93,7 +94,7 @@ class EmbreeMotion(MovingCaster):
         most = ROUND if len(self._breaks) > MANY else LONGEST
         windows = max(1, -(-(len(time) - 1) // most))
         self._span = ROUND * max(1, -(-(len(time) - 1) // (ROUND * windows)))
-        self._windows: OrderedDict[tuple[int, int], KeyedParts] = OrderedDict()
+        self._windows: LastAsked[tuple[int, int], KeyedParts] = LastAsked(KEPT)
         self._pieces: WeakKeyDictionary[PieceWindow, SwayingPieces] = WeakKeyDictionary()
         self._lock = Lock()
         self._whole = {n: self._usable(n) for n in motion.rows.tolist()}
@@ -213,13 +214,8 @@ class EmbreeMotion(MovingCaster):
     def _window(self, block: int, stretch: int) -> KeyedParts:
         """Search among what moves by keys in a block of samples, in a stretch between breaks."""
         with self._lock:
-            key = block, stretch
-            if key not in self._windows:
-                while len(self._windows) >= KEPT:
-                    self._windows.popitem(last=False)
-                self._windows[key] = KeyedParts(self, block, stretch)
-            self._windows.move_to_end(key)
-            return self._windows[key]
+            make = partial(KeyedParts, self, block, stretch)
+            return self._windows.once((block, stretch), make)
 
     def built(self, block: int, stretch: int, build: EmbreeBuild, centre: np.ndarray) -> int:
         """Embree's scene, about a centre, of a ``_window``."""

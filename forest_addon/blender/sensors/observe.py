@@ -18,7 +18,7 @@ from ...base.trimesh import GROUND
 from ...sensing.audit import Audit, held
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
-from ...sensing.moving import MovingScene, Swaying
+from ...sensing.moving import MovingScene
 from ...sensing.moving_rays import MovingCaster
 from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.geometry import SceneGeometry, rounding_warning
@@ -37,6 +37,7 @@ from .moving import WITHIN, SceneFollower, read_motion, seconds_of
 
 if TYPE_CHECKING:
     from ...sensing.reverb.sums.fast_scattering import Expansions
+    from ...stand.wind import ForestSway
 
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
@@ -64,7 +65,7 @@ class Observer:
         self._moving: dict[Sensor, MovingCaster] = {}
         self._moving_wood: dict[Sensor, MovingCaster] = {}
         self._begins: dict[Sensor, float] = {}
-        self._sway: Swaying | None = None
+        self._sway: ForestSway | None = None
         self._start = 0.0
 
     @classmethod
@@ -114,7 +115,7 @@ class Observer:
             self._made[make, *of] = make(self, *of)
         return self._made[make, *of]  # type: ignore[no-any-return]
 
-    def blow(self, sway: Swaying | None, start: float = 0.0) -> None:
+    def blow(self, sway: ForestSway | None, start: float = 0.0) -> None:
         """Let trees sway, or stand still. start : s, the wind's time when a sensor begins."""
         if (sway, start) == (self._sway, self._start):
             return
@@ -124,7 +125,7 @@ class Observer:
         self._sway, self._start = sway, start
 
     @property
-    def sway(self) -> tuple[Swaying, float] | None:
+    def sway(self) -> tuple[ForestSway, float] | None:
         """The sway of trees and the time at which it begins, s; None: they stand still."""
         return None if self._sway is None else (self._sway, self._start)
 

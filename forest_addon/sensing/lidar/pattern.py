@@ -103,10 +103,10 @@ class Tripod:
 
 
 class Sweep:
-    """A beam that sweeps while its platform moves."""
+    """A beam that sweeps while its platform moves along a ``path``."""
 
     def __init__(self, scanner: MovingScanner, path: Trajectory) -> None:
-        self._scanner, self._path = scanner, path
+        self._scanner, self.path = scanner, path
         self._field = np.deg2rad(scanner.field_deg)
         roll, pitch, yaw = np.deg2rad(scanner.mount_deg)
         self.mount = scipy.spatial.transform.Rotation.from_euler("ZYX", [yaw, -pitch, roll])
@@ -115,22 +115,17 @@ class Sweep:
         refuse_absurd("speed", duration * scanner.pulse_rate, scanner.beam.subrays)
         self.count = max(1, int(np.floor(duration * scanner.pulse_rate * (1 + 1e-12) + 1e-9)))
 
-    @property
-    def path(self) -> Trajectory:
-        """The platform's way."""
-        return self._path
-
     def pulses(self, number: np.ndarray) -> Pulses:
         """See ``Pattern``; the scan angle is counted from nadir, spinning: from the horizon."""
         time = number / self._scanner.pulse_rate
         way, across, angle = self.ways(number)
-        where, attitude = self._path.at(self._path.start + time)
+        where, attitude = self.path.at(self.path.start + time)
         turn = composed(attitude, self.mount)
         return Pulses(
             origin=where,
             direction=turn.apply(way),
             across=turn.apply(across),
-            time=self._path.start + time,
+            time=self.path.start + time,
             scan_angle=angle,
         )
 
@@ -138,16 +133,8 @@ class Sweep:
         """(P, 3) directions of pulses in the scanner's own frame, (P, 3) across them, (P,) scan angles."""
         scanner = self._scanner
         turns = number * scanner.line_rate / scanner.pulse_rate  # whole ones stay whole
-        if scanner.pattern == "spinning":
-            return self._spinning(number)
-        if scanner.pattern == "rosette":
-            low, high = self._field
-            swing = np.sin(2 * np.pi * self._scanner.petals * turns)
-            el = (low + high) / 2 + (high - low) / 2 * swing
-            turn = -2 * np.pi * turns
-            cos, sin = np.cos(turn), np.sin(turn)
-            way = np.stack([np.cos(el) * cos, np.cos(el) * sin, np.sin(el)], 1)
-            return way, np.stack([sin, -cos, np.zeros(len(turns))], 1), el
+        if scanner.pattern in ("spinning", "rosette"):
+            return self._around(number, turns)
         return self._circles(turns) if scanner.pattern == "circles" else self._lines(turns)
 
     def _lines(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -180,14 +167,20 @@ class Sweep:
         across = np.stack([-sin, -cos, np.zeros(len(turns))], 1)
         return way, across, np.where(sin >= 0, cone, -cone)
 
-    def _spinning(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Channels from the lowest up, fired one after the other while the head turns clockwise."""
-        scanner = self._scanner
-        channels = scanner.channels
-        low, high = self._field
-        elevation = np.linspace(low, high, channels) if channels > 1 else self._field[:1]
-        turn = -2 * np.pi * scanner.line_rate * (number // channels) * channels / scanner.pulse_rate
-        el = elevation[number % channels]
+    def _around(
+        self, number: np.ndarray, turns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """All around, clockwise: channels from the lowest up, fired one after the other while the head turns;
+        or a rosette, a beam that swings up and down meanwhile."""
+        scanner, (low, high) = self._scanner, self._field
+        if scanner.pattern == "rosette":
+            swing = np.sin(2 * np.pi * scanner.petals * turns)
+            el, turn = (low + high) / 2 + (high - low) / 2 * swing, -2 * np.pi * turns
+        else:
+            channels, rate = scanner.channels, -2 * np.pi * scanner.line_rate
+            turn = rate * (number // channels) * channels / scanner.pulse_rate
+            elevation = np.linspace(low, high, channels) if channels > 1 else self._field[:1]
+            el = elevation[number % channels]
         cos, sin = np.cos(turn), np.sin(turn)
         way = np.stack([np.cos(el) * cos, np.cos(el) * sin, np.sin(el)], 1)
         return way, np.stack([sin, -cos, np.zeros(len(number))], 1), el

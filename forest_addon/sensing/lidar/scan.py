@@ -118,15 +118,11 @@ class Scan:
         other.pulses = other.pattern.count
         return other
 
-    def seen_by(self, caster: Any) -> Scan:
-        """The same scan by another caster of the same scene."""
-        other = copy(self)
-        other.caster = caster
-        return other
-
     def exactly(self, true: SceneGeometry | None = None) -> Scan:
         """The same scan with every ray held against float64. true : the scene that is; left out: its own."""
-        return self.seen_by(Referee(self.caster, exactly(self.caster, true)))
+        other = copy(self)
+        other.caster = Referee(self.caster, exactly(self.caster, true))
+        return other
 
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""
@@ -150,22 +146,19 @@ class Scan:
         """Origins and directions (P·S, 3) of the rays of the pulses of these numbers (P,), pulse by pulse."""
         return self._rays(self.pattern.pulses(number), child_keys(self._key, number))
 
-    def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
-        """Return the echoes of pulses and their halos, before the receiver."""
-        direct = self._direct(pulses, keys)
-        return direct if self._halo is None else self._halo.added(self.caster, pulses, keys, direct)
-
-    def _direct(self, pulses: Pulses, keys: np.ndarray) -> Received:
-        rays, count = self._rays(pulses, keys), self._subrays
-        when = np.repeat(pulses.time, count)
-        of_rays = np.repeat(keys, count)
-        if count > 1 and self._by_chance:
-            of_rays = child_keys(of_rays, np.tile(np.arange(count), len(keys)))
-        return self._received(rays, self._met(rays, of_rays, when))
-
     def _rays(self, pulses: Pulses, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return origins and directions of the rays of pulses with these keys, pulse by pulse."""
         return spread(pulses, self.scanner.beam, keys)
+
+    def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
+        """Return the echoes of pulses and their halos, before the receiver."""
+        rays, count = self._rays(pulses, keys), self._subrays
+        of_rays = np.repeat(keys, count)
+        if count > 1 and self._by_chance:
+            of_rays = child_keys(of_rays, np.tile(np.arange(count), len(keys)))
+        contacts = self._met(rays, of_rays, np.repeat(pulses.time, count))
+        direct = self._received(rays, contacts)
+        return direct if self._halo is None else self._halo.added(self.caster, pulses, keys, direct)
 
     def _met(
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray

@@ -18,7 +18,11 @@ RAYS = 16
 def tree_around(caster: RayCaster, points: np.ndarray) -> np.ndarray:
     """(P,) the number of the tree that each of the points (P, 3) lies in, -1 where it lies in none."""
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    ways = _ways()
+    # Evenly all around, none along an axis.
+    up = 1.0 - (2.0 * np.arange(RAYS) + 1.0) / RAYS
+    turn = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(RAYS) + 0.1
+    level = np.sqrt(1.0 - up * up)
+    ways = np.column_stack([level * np.cos(turn), level * np.sin(turn), up])
     hits = caster.cast(np.repeat(points, RAYS, axis=0), np.tile(ways, (len(points), 1)))
     scene = caster.scene
     if not len(scene.transform):
@@ -28,11 +32,3 @@ def tree_around(caster: RayCaster, points: np.ndarray) -> np.ndarray:
     behind = hits.found & (np.where(flipped, -along, along) > 0)
     tree = np.where(behind, scene.tree[hits.instance], -1).reshape(-1, RAYS)
     return np.where((tree == tree[:, :1]).all(axis=1), tree[:, 0], -1)
-
-
-def _ways() -> np.ndarray:
-    """(RAYS, 3) unit vectors, evenly all around, none along an axis."""
-    up = 1.0 - (2.0 * np.arange(RAYS) + 1.0) / RAYS
-    turn = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(RAYS) + 0.1
-    level = np.sqrt(1.0 - up * up)
-    return np.column_stack([level * np.cos(turn), level * np.sin(turn), up])

@@ -92,60 +92,27 @@ class Search(RayCaster, ABC):
         left: Hits,
     ) -> Hits:
         """One task."""
-        from_, ways = np.array(origins.T, dtype=np.float64, order="C"), unit_columns(directions.T)
-        sound = np.flatnonzero(np.isfinite(from_.sum(axis=0) + ways.sum(axis=0)) & (near <= far))
-        from_, ways, near, far, time = _taken(sound, from_, ways, near, far, time)
-
-        def nearest(rays: np.ndarray, start: np.ndarray) -> Hits:
-            begin, way, limit, when = _taken(rays, from_, ways, far, time)
-            return self._nearest(begin, way, start, limit, when)
-
-        hits = Hits.misses(len(origins))
-        hits.put(sound, search_on(nearest, near, far, left.select(sound)))
+        begin, ways = np.array(origins.T, dtype=np.float64, order="C"), unit_columns(directions.T)
+        sound = np.isfinite(begin.sum(axis=0) + ways.sum(axis=0)) & (near <= far)
+        start = near - np.where(left.found, 0.0, MARGIN)
+        hits, rays, step = Hits.misses(len(near)), np.flatnonzero(sound), STEP
+        while len(rays):
+            at, way = (np.ascontiguousarray(vectors[:, rays]) for vectors in (begin, ways))
+            met = self._nearest(at, way, start[rays], far[rays], time[rays])
+            hits.put(rays, met)
+            rays = rays[refused(met, near[rays], left.select(rays))]
+            start[rays] = np.maximum(start[rays], hits.distance[rays]) + step  # behind that
+            step *= 2.0
+        beyond = np.flatnonzero((hits.distance > far) & hits.found)
+        hits.put(beyond, Hits.misses(len(beyond)))
         return hits
-
-
-def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The chosen rays of arrays (..., R); no copies where they are all."""
-    if len(rays) == arrays[0].shape[-1]:
-        return arrays
-    return tuple(np.ascontiguousarray(array[..., rays]) for array in arrays)
 
 
 def refused(hits: Hits, near: np.ndarray, left: Hits) -> np.ndarray:
     """(R,) bool: which hits do not count, being too near or the triangle that the ray leaves."""
-    nearer: np.ndarray = hits.distance < near
-    if left.found.any():
-        same = (hits.instance == left.instance) & (hits.triangle == left.triangle)
-        nearer |= left.found & hits.found & (same | (hits.distance <= near))
-    return nearer
-
-
-def search_on(
-    nearest: Callable[[np.ndarray, np.ndarray], Hits],
-    near: np.ndarray,
-    far: np.ndarray,
-    left: Hits,
-) -> Hits:
-    """The first hits that count, of rays with limits (R,) and what they leave.
-
-    nearest : what some rays (S,), by number, meet from distances (S,) on.
-    """
-    start = near - MARGIN
-    start[left.found] += MARGIN
-    rays, step = np.arange(len(near)), STEP
-    hits = nearest(rays, start)
-    rays = np.flatnonzero(refused(hits, near, left))
-    while len(rays):  # behind what does not count
-        start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
-        step *= 2.0
-        first_hits = nearest(rays, start[rays])
-        hits.put(rays, first_hits)
-        rays = rays[refused(first_hits, near[rays], left.select(rays))]
-    beyond = (hits.distance > far) & hits.found
-    if beyond.any():
-        hits.put(beyond, Hits.misses(1))
-    return hits
+    same = (hits.instance == left.instance) & (hits.triangle == left.triangle)
+    left_behind = left.found & hits.found & (same | (hits.distance <= near))
+    return np.asarray((hits.distance < near) | left_behind)
 
 
 def in_tasks(task: Callable[[slice], None], count: int, threads: int, size: int = TASK) -> None:

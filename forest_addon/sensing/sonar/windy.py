@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,27 +25,11 @@ from ..rays.geometry import SceneGeometry, apply_transform, invert_transforms
 from ..rays.paths import ShapePath
 from .scatterers import LEAF, WOOD, Population, Scatterers, Sight
 
+if TYPE_CHECKING:
+    from ...stand.wind import ForestSway
+
 MOST_FLUTTER = 0.7  # radians, that a leaf turns at most
 AROUND = 16  # vertices or triangles near a point, by which it goes
-
-
-class SwayingLeaves(Protocol):
-    """Trees that sway and whose leaves flutter (``stand.wind``); named by their number in the stand."""
-
-    @property
-    def number(self) -> dict[int, int]: ...
-
-    def moves(self, tree: int) -> bool: ...
-
-    def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray: ...
-
-    def pieces_at(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> np.ndarray: ...
-
-    def moment(self, tree: int, time: float) -> tuple[np.ndarray, np.ndarray]: ...
-
-    def flutter(
-        self, tree: int, leaf: np.ndarray, time: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 
 
 @dataclass(frozen=True)
@@ -72,7 +56,7 @@ class EchoWind:
     def __init__(
         self,
         scene: SceneGeometry,
-        sway: SwayingLeaves,
+        sway: ForestSway,
         start: float = 0.0,
         like: EchoWind | None = None,
     ) -> None:

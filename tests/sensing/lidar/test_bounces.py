@@ -402,7 +402,7 @@ def test_the_edge_glows_as_a_gaussian_cone_says():
         work = Scan(look, caster)
         pulses = work.pattern.pulses(np.arange(300))
         keys = np.arange(300, dtype=np.uint64)
-        found = halo.added(caster, pulses, keys, work._direct(pulses, keys))
+        found = halo.added(caster, pulses, keys, work._found(pulses, keys))
         light = np.bincount(found.echoes.pulse, found.echoes.energy, 300).mean()
         width = FAR * angle * 1e-3 / 2
         glow = erfc(sqrt(2) * beside / width) / 2
