@@ -17,6 +17,7 @@ from ..base.trimesh import LEAF, TriMesh, is_wood
 from ..base.vectors import nearest_on_triangles, winding_number
 from ..growth.own_tree.centreline import find_centrelines
 from ..growth.own_tree.pieces import part
+from ..sensing.rays.boxes import swept
 from ..sensing.rays.geometry import SceneGeometry, apply_transform, invert_transforms
 
 SQUARE = 2.0  # metres, of the map of what may be near
@@ -56,7 +57,9 @@ class MeshObstacles:
             return
         stretch = np.linalg.svd(self._to_world[:, :, :3], compute_uv=False)
         self._least, self._most = stretch[:, 2] * (1 - 1e-9), stretch[:, 0] * (1 + 1e-9)
-        self._low, self._high = self._boxes()
+        boxes = np.array([solid.box for solid in solids])[self._mesh]
+        low, high = swept(boxes, self._to_world[None])
+        self._low, self._high = low - 1e-9, high + 1e-9
         # Cells of all meshes in one list; a place beyond a mesh's cells is asked at the nearest cell.
         self._cells = np.concatenate([solid.room.ravel() for solid in solids])
         first = np.cumsum([0, *(solid.room.size for solid in solids)])[:-1]
@@ -69,14 +72,6 @@ class MeshObstacles:
         self._items = np.concatenate([s.items + n for s, n in zip(solids, shift, strict=False)])
         self._starts = np.append(0, np.cumsum(np.concatenate([s.count for s in solids])))
         self._map()
-
-    def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        box = np.array([solid.box for solid in self._solids])[self._mesh]  # (I, 2, 3)
-        middle, half = box.mean(axis=1), np.ptp(box, axis=1) / 2
-        linear = self._to_world[:, :, :3]
-        centre = np.einsum("iab,ib->ia", linear, middle) + self._to_world[:, :, 3]
-        extent = np.einsum("iab,ib->ia", np.abs(linear), half) + 1e-9
-        return centre - extent, centre + extent
 
     def _map(self) -> None:
         """Instances that may be within ``REACH`` of each square: a table, padded with their

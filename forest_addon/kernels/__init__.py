@@ -117,13 +117,13 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "light_back": (
         [
             *(_count, _int64s, _count, _doubles, _doubles, _doubles, _doubles, _doubles),
-            *(_int64s, _doubles, _double, _double, _doubles),
+            *(_doubles, _double, _double, _doubles),
         ],
         None,
     ),
     "blur_patches": (
         [
-            *(_count, _int64s, _int64s, _count, _int8s, _doubles, _doubles, _int64s),
+            *(_count, _int64s, _int64s, _count, _int8s, _doubles, _doubles),
             *(_doubles, _doubles, _doubles, _double, _int64s, _doubles, _doubles, _doubles),
         ],
         None,

@@ -42,8 +42,8 @@ void spread_rays(int64_t beams, const double *start, const double *axis, const d
 
 void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double *share,
                 const double *reflectance, const double *light, const double *distance,
-                const double *normal, const int64_t *line, const double *direction, double extinction,
-                double nearest, double *energy)
+                const double *normal, const double *direction, double extinction, double nearest,
+                double *energy)
 {
     int64_t base = 0; /* first ray of the pulse */
     for (int64_t i = 0; i < count; i++) {
@@ -51,7 +51,7 @@ void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double
             base = ray[i] / subrays * subrays;
         }
         double back = reflectance[i] * light[i] * share[ray[i] - base];
-        back = back * fabs(dot(normal + 3 * i, direction + 3 * line[i])) / (distance[i] * distance[i]);
+        back = back * fabs(dot(normal + 3 * i, direction + 3 * i)) / (distance[i] * distance[i]);
         if (extinction != 0) {
             back *= exp(-2 * extinction * distance[i]);
         }
@@ -61,7 +61,6 @@ void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double
 
 /* Contacts of beams: rows of the arrays of blur_patches. */
 struct contacts {
-    const int64_t *line;
     const double *origin, *direction, *normal, *distance;
 };
 
@@ -69,14 +68,14 @@ struct contacts {
 static double plane(const struct contacts *c, int64_t i, int64_t j)
 {
     const double *normal = c->normal + 3 * i;
-    const double *from_i = c->origin + 3 * c->line[i];
-    const double *from_j = c->origin + 3 * c->line[j];
-    const double *way_i = c->direction + 3 * c->line[i];
+    const double *from_i = c->origin + 3 * i;
+    const double *from_j = c->origin + 3 * j;
+    const double *way_i = c->direction + 3 * i;
     double foot[3];
     for (int k = 0; k < 3; k++) {
         foot[k] = from_i[k] - from_j[k] + c->distance[i] * way_i[k];
     }
-    return dot(normal, c->direction + 3 * c->line[j]) / dot(normal, foot);
+    return dot(normal, c->direction + 3 * j) / dot(normal, foot);
 }
 
 /* Returns whether contacts i and j lie on one smooth surface. */
@@ -173,11 +172,10 @@ static void patches(const struct contacts *c, int64_t subrays, const int64_t *se
 
 void blur_patches(int64_t count, const int64_t *order, const int64_t *ray, int64_t subrays,
                   const int8_t *surface, const double *distance, const double *energy,
-                  const int64_t *line, const double *origin, const double *direction,
-                  const double *normal, double sigma, int64_t *seats, double *room, double *moved,
-                  double *blur)
+                  const double *origin, const double *direction, const double *normal, double sigma,
+                  int64_t *seats, double *room, double *moved, double *blur)
 {
-    struct contacts all = {line, origin, direction, normal, distance};
+    struct contacts all = {origin, direction, normal, distance};
     int64_t stop;
     for (int64_t first = 0; first < count; first = stop) {
         int64_t base = ray[order[first]] / subrays * subrays; /* first ray of this pulse */

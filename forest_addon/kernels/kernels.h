@@ -182,24 +182,23 @@ KERNEL void spread_rays(int64_t beams, const double *start, const double *axis, 
 /* Light that contacts (C,) send back: energy (C,) = reflectance * light * share * |cos| / distance^2, in air of some
  * extinction; 0 where it is no number or the distance is below nearest.
  * ray (C,): number of the ray, pulse * subrays + sub-ray. share (subrays,): of a pulse's light, of each ray.
- * reflectance, light, distance (C,). normal (C, 3), and direction (L, 3) with rows line (C,): unit vectors. */
+ * reflectance, light, distance (C,). normal, direction (C, 3): unit vectors. */
 KERNEL void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double *share,
                        const double *reflectance, const double *light, const double *distance,
-                       const double *normal, const int64_t *line, const double *direction,
-                       double extinction, double nearest, double *energy);
+                       const double *normal, const double *direction, double extinction,
+                       double nearest, double *energy);
 
 /* Moves and blurs contacts (C,) on surfaces that go on between the rays of a pulse.
  * order (C,): rows of the contacts, pulse by pulse. ray (C,): number of the ray, pulse * subrays + sub-ray.
  * surface (C,): contacts of one number may lie on one surface, -1 on none that goes on; of a ray the first contact
  * of each number that has energy counts.
- * distance, energy (C,): metres, and any unit. line (C,): rows of origin and direction (L, 3), unit vectors.
+ * distance, energy (C,): metres, and any unit. origin, direction (C, 3): of their rays, unit vectors.
  * normal (C, 3): unit vectors. sigma: m, of the pulse. seats (3 * subrays,), room (6 * subrays,): anything.
  * Writes moved (C,), the range of the light of each contact, and blur (C,), its standard deviation, metres. */
 KERNEL void blur_patches(int64_t count, const int64_t *order, const int64_t *ray, int64_t subrays,
                          const int8_t *surface, const double *distance, const double *energy,
-                         const int64_t *line, const double *origin, const double *direction,
-                         const double *normal, double sigma, int64_t *seats, double *room,
-                         double *moved, double *blur);
+                         const double *origin, const double *direction, const double *normal,
+                         double sigma, int64_t *seats, double *room, double *moved, double *blur);
 
 /* Echoes of those of the contacts (C,) that have energy, by pulse and range; returns how many, at most C.
  * count to energy: as above. blur (C,): m, standard deviation in range of the light of each contact.

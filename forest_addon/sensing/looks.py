@@ -16,7 +16,7 @@ import numpy as np
 
 from ..spec import Choice
 from .rays.exact import ExactCaster
-from .rays.geometry import SceneGeometry
+from .rays.geometry import alone
 
 if TYPE_CHECKING:
     from ..growth.tree import Tree
@@ -229,7 +229,9 @@ def range_shift(pairs: Sequence[tuple[Tree, Tree]], rng: np.random.Generator) ->
     for number in drawn.tolist():
         full, coarse = pairs[number]
         origins, ways = _rays(full, rng)
-        ours, theirs = (_caster(tree).cast(origins, ways) for tree in (full, coarse))
+        ours, theirs = (
+            ExactCaster(alone(tree.mesh)).cast(origins, ways) for tree in (full, coarse)
+        )
         both = ours.found & theirs.found
         apart.append(np.abs(ours.distance[both] - theirs.distance[both]))
         parted += int((ours.found != theirs.found).sum())
@@ -252,8 +254,3 @@ def _rays(tree: Tree, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]
     places = places + rng.normal(size=(RAYS, 3)) * 2.0 * size  # beside leaves, not at them
     far = 2.0 * float(np.ptp(tree.mesh.vertices, axis=0).max(initial=1.0))
     return places - far * ways, ways
-
-
-def _caster(tree: Tree) -> ExactCaster:
-    one = np.zeros(1, dtype=np.int64)
-    return ExactCaster(SceneGeometry((tree.mesh,), np.eye(3, 4)[None], one, ("tree",), one, one))

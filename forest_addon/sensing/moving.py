@@ -19,8 +19,8 @@ from ..base.kept import LastAsked
 from ..base.rows import distinct
 from ..base.runs import numbered
 from ..base.trimesh import LEAF, OTHER, TriMesh
-from .rays.boxes import clip, extents, within
-from .rays.caster import Hits, hit_normals
+from .rays.boxes import clip, extents, swept, within
+from .rays.caster import Hits
 from .rays.geometry import OF_MESHES, SceneGeometry
 from .rays.paths import SceneMotion, ShapePath
 
@@ -120,14 +120,14 @@ class MovingScene:
 
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         """(R, 3) unit world normals of the triangles that were hit at times (R,), s; NaN for a miss."""
-        normals = hit_normals(self.scene, hits, self.at(hits.instance, time))
-        bends = np.flatnonzero(self.motion.bends(hits.instance))
-        if len(bends):
-            some = hits.instance[bends], hits.triangle[bends], time[bends]
-            a, b, c = self.corners(*some).swapaxes(0, 1)
-            normal = np.cross(b - a, c - a)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                normals[bends] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        normals, met = np.full((len(time), 3), np.nan), np.flatnonzero(hits.found)
+        asked = hits.instance[met], hits.triangle[met], time[met]
+        own = self.motion.corners(self.scene, *asked)
+        turn = self.at(asked[0], asked[2])[:, :, :3]
+        u, v = np.einsum("rij,rkj->kri", turn, own[:, 1:] - own[:, :1])
+        normal = np.cross(u, v)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normals[met] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
         return normals
 
     def velocities(
@@ -511,17 +511,6 @@ def boxes_of_pieces(corners: np.ndarray, piece: np.ndarray, count: int) -> np.nd
     boxes = np.stack([low, high])
     boxes[:, ~np.isfinite(low).all(axis=1)] = 0.0
     return boxes
-
-
-def swept(boxes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Smallest and largest coordinates (P, 3) that pieces in boxes (P, 2, 3) have at places (K, P, 3, 4).
-
-    Between knots every point goes straight, so it stays in the box of both.
-    """
-    middle, half = boxes.mean(axis=1), (boxes[:, 1] - boxes[:, 0]) / 2
-    centre = np.einsum("kpij,pj->kpi", places[..., :3], middle) + places[..., 3]
-    out = np.einsum("kpij,pj->kpi", np.abs(places[..., :3]), half)
-    return (centre - out).min(axis=0), (centre + out).max(axis=0)
 
 
 def joined(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:

@@ -15,9 +15,8 @@ from functools import partial
 import numpy as np
 
 from ..base.kept import LastAsked
-from ..base.trimesh import TriMesh
-from .moving import MovingScene, swept, taken_back, turned_back
-from .rays.boxes import BoxTree
+from .moving import MovingScene, taken_back, turned_back
+from .rays.boxes import BoxTree, swept
 from .rays.caster import Hits, RayCaster, unit_columns
 from .rays.exact import (
     ExactCaster,
@@ -29,7 +28,7 @@ from .rays.exact import (
     nearest_of_rays,
     put_nearest,
 )
-from .rays.geometry import SceneGeometry
+from .rays.geometry import SceneGeometry, alone
 from .rays.paths import ShapePath
 
 KEPT = 64  # stretches of time whose boxes are kept
@@ -56,7 +55,7 @@ class MovingCaster(RayCaster):
         for row, number in enumerate(motion.rows.tolist()):
             mesh = moving.scene.meshes[moving.scene.mesh_index[number]]
             shape = motion.shapes.get(number)
-            ends = _alone(mesh).bounds() if shape is None else shape.bounds()
+            ends = alone(mesh).bounds() if shape is None else shape.bounds()
             boxes[row] = motion.paths[number].swept(*(np.reshape(end, 3) for end in ends))
         self._keyed = BoxTree(boxes[:, 0], boxes[:, 1])
         self._spans = np.array([motion.span(n) for n in motion.rows.tolist()]).reshape(-1, 2)
@@ -176,8 +175,8 @@ class MovingCaster(RayCaster):
         mesh, shape = self.scene.meshes[index], self.moving.motion.shapes.get(number)
         key = index if shape is None else -1 - number
         if key not in self._casters:
-            alone = _alone(mesh)
-            self._casters[key] = self._make(alone) if shape is None else BentCaster(alone, shape)
+            own = alone(mesh)
+            self._casters[key] = self._make(own) if shape is None else BentCaster(own, shape)
         return self._casters[key]
 
 
@@ -188,12 +187,6 @@ def exactly(caster: RayCaster, true: SceneGeometry | None = None) -> ExactCaster
     if moving is None:
         return ExactCaster(caster.scene if true is None else true)
     return MovingCaster(moving if true is None else moving.of(true), ExactCaster)
-
-
-def _alone(mesh: TriMesh) -> SceneGeometry:
-    """A scene of one mesh, in its own frame."""
-    one = np.zeros(1, np.int64)
-    return SceneGeometry((mesh,), np.eye(3, 4)[None], one, ("",), one - 1, one - 1)
 
 
 class BentCaster(RayCaster):

@@ -157,8 +157,7 @@ def blurred_patches(
     surface: np.ndarray,
     distance: np.ndarray,
     energy: np.ndarray,
-    line: np.ndarray,
-    lines: tuple[np.ndarray, np.ndarray],
+    rays: tuple[np.ndarray, np.ndarray],
     normal: np.ndarray,
     sigma: float,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -167,7 +166,7 @@ def blurred_patches(
     ray, subrays, distance, energy, sigma : see ``waveform.find_echoes``.
     surface : (C,) int8, contacts of one number may lie on one surface; -1: none that goes on. Of a ray the
         first contact of each counts.
-    line : (C,) rows of ``lines``, origins and unit directions (L, 3) on which contacts are seen.
+    rays : origins and unit directions (C, 3) of the rays on which contacts are seen.
     normal : (C, 3) unit vectors.
     """
     library = kernels.library()
@@ -176,8 +175,9 @@ def blurred_patches(
         library.blur_patches(
             len(ray),
             np.argsort(ray, kind="stable"),
-            *(ray, subrays, surface, np.ascontiguousarray(distance), energy, line, *lines),
-            *(np.ascontiguousarray(normal), sigma),
+            *(ray, subrays, surface),
+            *(np.ascontiguousarray(one) for one in (distance, energy, *rays, normal)),
+            sigma,
             *(np.empty(3 * subrays, dtype=np.int64), np.empty(6 * subrays), moved, blur),
         )
         return moved, blur
@@ -188,7 +188,7 @@ def blurred_patches(
         for number in distinct(surface[rows]):
             contacts = rows[surface[rows] == number]
             contacts = contacts[np.unique(ray[contacts], return_index=True)[1]]
-            beams = distance[contacts], *(way[line[contacts]] for way in lines), normal[contacts]
+            beams = distance[contacts], *(vectors[contacts] for vectors in rays), normal[contacts]
             patch = _patches(ray[contacts] % subrays, subrays, beams, sigma)
             for group in np.split(
                 contacts[np.argsort(patch, kind="stable")], np.cumsum(np.bincount(patch))

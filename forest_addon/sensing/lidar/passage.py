@@ -23,32 +23,22 @@ FAINT = 1e-6  # share of the light below which a ray is not followed further
 
 
 @dataclass(frozen=True)
-class SightLines(RowTable):
-    """Lines on which C contacts are seen in a scene with mirrors, glass or water (``specular``).
-
-    origin : (C, 3) where the ray would start if it had not been turned. way : (C, 3) how it arrives.
-    bounce : (C,) int8, how it went there.
-    """
-
-    origin: np.ndarray
-    way: np.ndarray
-    bounce: np.ndarray
-
-
-@dataclass(frozen=True)
 class Contacts(RowTable):
     """C surfaces that send light back, those of one ray from the nearest on, and rays that met nothing.
 
     ray : (C,) number of the ray. hits : what it met. organ : (C,) int8 part of the tree.
     light : (C,) share of the ray's light that gets there and back.
-    sight : where rays may be turned, the lines of the C contacts; None where all are the rays' own.
+    origin : (C, 3) where the ray starts, or would if nothing had turned it. way : (C, 3) how it arrives.
+    bounce : where mirrors, glass or water are (``specular``), (C,) int8, how it went there.
     """
 
     ray: np.ndarray
     hits: Hits
     organ: np.ndarray
     light: np.ndarray
-    sight: SightLines | None = None
+    origin: np.ndarray
+    way: np.ndarray
+    bounce: np.ndarray | None = None
 
 
 def meet(
@@ -68,14 +58,16 @@ def meet(
     light = np.ones(len(origins))
     hits = caster.cast(origins, directions, max_distance, time=time)
     if not surfaces.leaf_transmittance:
-        return Contacts(ray, hits, organs(caster.scene, hits), light)
+        return Contacts(ray, hits, organs(caster.scene, hits), light, origins, directions)
     contacts: list[Contacts] = []
     while True:
         met = np.flatnonzero(hits.found)
         ray, light, hits = ray[met], light[met], hits.select(met)
         organ = organs(caster.scene, hits)
         sends, goes_on, kept = split(organ, light, surfaces, keys[ray], len(contacts))
-        contacts.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends]))
+        own = ray[sends]
+        sent = hits.select(sends), organ[sends], light[sends]
+        contacts.append(Contacts(own, *sent, origins[own], directions[own]))
         if not len(goes_on):
             break
         ray, light, behind = ray[goes_on], light[goes_on] * kept, hits.select(goes_on)

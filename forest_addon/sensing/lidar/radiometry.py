@@ -42,7 +42,6 @@ def light_back(
     light: tuple[np.ndarray, np.ndarray],
     distance: np.ndarray,
     normal: np.ndarray,
-    line: np.ndarray,
     way: np.ndarray,
     extinction: float,
     nearest: float,
@@ -51,15 +50,15 @@ def light_back(
 
     ray : (C,) numbers of rays, from pulse to pulse. share : (S,) of a pulse's light in each of its rays.
     light : reflectances (C,), and shares (C,) of a ray's light that get there and back.
-    normal : (C, 3). line : (C,) rows of ``way`` (L, 3), unit directions.
+    normal, way : (C, 3) unit vectors of surfaces and rays.
     """
     library = kernels.library()
     if library is None:
         energy = light[0] * light[1] * share[ray % len(share)]
-        energy = intensity(energy, cosines(normal, way[line]), distance, extinction)
+        energy = intensity(energy, cosines(normal, way), distance, extinction)
         return np.where((energy > 0) & (distance >= nearest), energy, 0.0)
     energy = np.empty(len(ray))
-    given = (np.ascontiguousarray(one) for one in (*light, distance, normal, line, way))
+    given = (np.ascontiguousarray(one) for one in (*light, distance, normal, way))
     library.light_back(len(ray), ray, len(share), share, *given, extinction, nearest, energy)
     return energy
 

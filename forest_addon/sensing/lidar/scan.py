@@ -157,7 +157,7 @@ class Scan:
         if count > 1 and self._by_chance:
             of_rays = child_keys(of_rays, np.tile(np.arange(count), len(keys)))
         contacts = self._met(rays, of_rays, np.repeat(pulses.time, count))
-        direct = self._received(rays, contacts)
+        direct = self._received(contacts)
         return direct if self._halo is None else self._halo.added(self.caster, pulses, keys, direct)
 
     def _met(
@@ -221,22 +221,21 @@ class Scan:
             lost = (Lost(first, first + 1, why),)
             return replace(self.look_at(number[:0]), pulses=1, lost=lost)
 
-    def _received(self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts) -> Received:
-        """Return the echoes of the light that comes back to origins and directions of rays."""
-        scanner, scene, hits, sight = self.scanner, self.caster.scene, contacts.hits, contacts.sight
-        line, lines, bounce = contacts.ray, rays, np.zeros(len(contacts.ray), dtype=np.int8)
-        if sight is not None:
-            line, lines, bounce = np.arange(len(line)), (sight.origin, sight.way), sight.bounce
+    def _received(self, contacts: Contacts) -> Received:
+        """Return the echoes of the light that contacts send back."""
+        scanner, scene, hits, way = self.scanner, self.caster.scene, contacts.hits, contacts.way
         normal = hit_normals(scene, hits)
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         light, distance, blur = (reflectance, contacts.light), hits.distance, None
-        seen = distance, normal, line, lines[1], scanner.beam.extinction, scanner.min_range
+        seen = distance, normal, way, scanner.beam.extinction, scanner.min_range
         energy = light_back(contacts.ray, self._share, light, *seen)
         common = contacts.ray, self._subrays
         if self._subrays > 1 and self._bins is None:
+            bounce = np.int8(DIRECT) if contacts.bounce is None else contacts.bounce
             surface = np.where(contacts.organ == LEAF, np.int8(-1), bounce)
+            rays = contacts.origin, way
             distance, blur = blurred_patches(
-                *common, surface, distance, energy, line, lines, normal, self._sigma
+                *common, surface, distance, energy, rays, normal, self._sigma
             )
         if self._step and self._bins is None:
             blur = np.zeros(len(distance)) if blur is None else blur
@@ -248,9 +247,8 @@ class Scan:
         else:
             echoes = find_echoes(*common, distance, energy, self._sigma, blur, self._bins)
         chosen = echoes.contact
-        gone = None if sight is None else bounce[chosen]
-        ways = lines[1][line[chosen]]
-        return Received(echoes, hits.select(chosen), ways, normal[chosen], gone)
+        gone = None if contacts.bounce is None else contacts.bounce[chosen]
+        return Received(echoes, hits.select(chosen), way[chosen], normal[chosen], gone)
 
     def _measure(
         self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, received: Received

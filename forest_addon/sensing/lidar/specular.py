@@ -17,7 +17,7 @@ from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry, apply_transform
 from .cloud import cosines, organs
 from .footprint import frames, places, rays_at
-from .passage import FAINT, Contacts, Received, SightLines, split
+from .passage import FAINT, Contacts, Received, split
 from .pattern import Pulses
 from .radiometry import RETRO, intensity, reflectance_of
 from .waveform import LIGHT, find_echoes, pulse_length
@@ -263,7 +263,9 @@ def follow(
                 replace(straight.hits, distance=seen),
                 straight.organ,
                 light,
-                SightLines(met - seen[:, None] * turn.way, turn.way, turn.bounce),
+                met - seen[:, None] * turn.way,
+                turn.way,
+                turn.bounce,
             ),
         ]
     ), ended
@@ -303,8 +305,9 @@ def _straight(
         bare = np.flatnonzero(~np.isnan(optics[0]))
         dust = scene.reflectance_at(hits.instance[bare], hits.triangle[bare], 0.0)
         sends = np.sort(np.append(plain[sends], bare[dust > 0]))
-        sight = SightLines(origins[ray[sends]], ways[ray[sends]], bounce[sends])
-        contacts.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends], sight))
+        line = ray[sends]
+        sent = hits.select(sends), organ[sends], light[sends]
+        contacts.append(Contacts(line, *sent, origins[line], ways[line], bounce[sends]))
         through = np.zeros(len(ray))
         through[plain[passes]] = kept
         if len(bare):

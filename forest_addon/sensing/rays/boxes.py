@@ -116,6 +116,17 @@ def within(low: np.ndarray, high: np.ndarray, between: np.ndarray) -> np.ndarray
     return np.asarray(((at - out <= between[1]) & (at + out >= between[0])).all(axis=1))
 
 
+def swept(boxes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest coordinates (P, 3) that parts in boxes (P, 2, 3) have at places (K, P, 3, 4).
+
+    Between knots every point goes straight, so it stays in the box of both.
+    """
+    middle, half = boxes.mean(axis=1), (boxes[:, 1] - boxes[:, 0]) / 2
+    centre = np.einsum("kpij,pj->kpi", places[..., :3], middle) + places[..., 3]
+    out = np.einsum("kpij,pj->kpi", np.abs(places[..., :3]), half)
+    return (centre - out).min(axis=0), (centre + out).max(axis=0)
+
+
 def inverse(directions: np.ndarray) -> np.ndarray:
     """1 over each coordinate; a zero counts as TINY."""
     small = np.abs(directions) < TINY

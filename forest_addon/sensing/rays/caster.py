@@ -127,14 +127,9 @@ def unit_columns(directions: np.ndarray) -> np.ndarray:
     return d
 
 
-def hit_normals(
-    scene: SceneGeometry, hits: Hits, transform: np.ndarray | None = None
-) -> np.ndarray:
-    """(R, 3) unit world normals of the triangles that were hit; NaN for a miss.
-
-    transform : (R, 3, 4) of what was hit, where it was then; left out: where the scene says.
-    """
-    if transform is None and hits.normal is not None:
+def hit_normals(scene: SceneGeometry, hits: Hits) -> np.ndarray:
+    """(R, 3) unit world normals of the triangles that were hit; NaN for a miss."""
+    if hits.normal is not None:
         return hits.normal
     normals = np.full((len(hits.distance), 3), np.nan)
     met = np.flatnonzero(hits.found)
@@ -142,8 +137,7 @@ def hit_normals(
         part = met[first : first + ROWS]
         instance = hits.instance[part]
         a, b, c = scene.corners(instance, hits.triangle[part]).transpose(1, 2, 0)
-        stood = scene.transform[instance] if transform is None else transform[part]
-        m = stood.reshape(-1, 12).T.copy()
+        m = scene.transform[instance].reshape(-1, 12).T.copy()
         u, v = _turned(m, b - a), _turned(m, c - a)
         x = u[1] * v[2] - u[2] * v[1]
         y = u[2] * v[0] - u[0] * v[2]

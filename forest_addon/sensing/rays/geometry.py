@@ -195,6 +195,12 @@ class SceneGeometry:
         return low, high
 
 
+def alone(mesh: TriMesh) -> SceneGeometry:
+    """A scene of one mesh, in its own frame."""
+    one = np.zeros(1, np.int64)
+    return SceneGeometry((mesh,), np.eye(3, 4)[None], one, ("",), one - 1, one - 1)
+
+
 def boxes_of(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(K, 3), (K, 3) boxes around at most ``count`` groups of vertices that lie near each other.
 

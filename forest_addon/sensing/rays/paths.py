@@ -12,6 +12,7 @@ import scipy
 
 from ...base.attitudes import composed
 from ...base.rows import distinct
+from .boxes import swept
 from .geometry import SceneGeometry
 
 ALWAYS = (-np.inf, np.inf)
@@ -52,14 +53,11 @@ class RigidPath:
         It holds the boxes at all samples. Between two of them, a turn by an angle apart, a point at an arm m
         is at most m times half that angle from the straight line between its places there.
         """
-        middle, half = (low + high) / 2, (high - low) / 2
-        straight = self.transform[:, :, :3]
-        centre = straight @ middle + self.transform[:, :, 3]
-        out = np.abs(straight) @ half
+        least, most = swept(np.stack([low, high])[None], self.transform[:, None])
         arm = float(np.linalg.norm(np.maximum(np.abs(low), np.abs(high))))
-        size = float(np.linalg.norm(straight, ord=2, axis=(1, 2)).max())
+        size = float(np.linalg.norm(self.transform[:, :, :3], ord=2, axis=(1, 2)).max())
         bow = self._table.widest / 2 * size * arm
-        return (centre - out).min(axis=0) - bow, (centre + out).max(axis=0) + bow
+        return least[0] - bow, most[0] + bow
 
     @cached_property
     def _table(self) -> PathTable:

@@ -153,6 +153,7 @@ class SurveyScan(Scan):
             there = np.full(len(met), haze.instance)
             hits = Hits(distance[met], there, first, -rays[1][met])
             organ = self.caster.scene.meshes[haze.instance].part[first]
-            contacts = Contacts.joined([kept, Contacts(met, hits, organ, np.ones(len(met)))])
+            new = Contacts(met, hits, organ, np.ones(len(met)), *(one[met] for one in rays))
+            contacts = Contacts.joined([kept, new])
             contacts = contacts.select(np.lexsort((contacts.hits.distance, contacts.ray)))
         return contacts
