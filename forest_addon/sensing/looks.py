@@ -127,7 +127,7 @@ class EchoLook(SensorLook):
     hears_leaves: bool = True
 
     def blurs(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
-        """As of ``BeamLook``."""
+        """See ``BeamLook``."""
         if not self.hears_leaves:
             return np.ones(len(away), dtype=bool)
         many = self.heard_together(trees, away) >= TOGETHER
@@ -136,7 +136,7 @@ class EchoLook(SensorLook):
         return many & (np.abs(louder - 1) <= LOUDNESS)[which] & (trees.radius > 0)
 
     def why_blurred(self, trees: Leafy, away: np.ndarray, row: int) -> str:
-        """As of ``BeamLook``."""
+        """See ``BeamLook``."""
         many = self.heard_together(trees, away)[row]
         louder = loudness(self.band, round(float(trees.radius[row]), 4))
         return f"where {many:.0f} sound as one, {10 * np.log10(louder):+.2f} dB"

@@ -94,7 +94,7 @@ class BvhCaster(Search):
         directions: np.ndarray,
         limit: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Those of pairs (M,) of a ray and an instance, by number, whose ray meets its instance within its
+        """Pairs, of some (M,) of a ray and an instance, by number, whose ray meets its instance within its
         limit, and the triangles (M,) met; ``begin`` : metres along the ray where it starts into that."""
         pair = pair[np.argsort(self.scene.mesh_index[box[pair]], kind="stable")]
         mesh_of, start, ray = self.scene.mesh_index[box[pair]], begin[pair], ray[pair]
