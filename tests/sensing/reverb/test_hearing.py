@@ -27,12 +27,15 @@ AIR = Air(sound_speed=343.0)
 RATE = 8000.0
 
 
-def listen(trunks: Trunks, folder: Path = Path(), **settings: object) -> ImpulseResponse:
+def listen(
+    trunks: Trunks, folder: Path = Path(), directivity: Directivity = OMNI, **settings: object
+) -> ImpulseResponse:
     reverb = Reverb(**{"duration": 0.3, "sample_rate": RATE, "head_azimuth_deg": 0.0} | settings)
     return impulse_response(
         trunks,
         reverb,
         AIR,
+        directivity=directivity,
         hearing=hearing_of(reverb, folder),
         field=((-80.0, -80.0), (160.0, 160.0)),
     )
@@ -248,11 +251,6 @@ def trunks(count: int) -> Trunks:
     return Trunks(rng.uniform(-12, 32, (count, 2)), np.full(count, 0.2), np.arange(count))
 
 
-def directivity_listen(forest: Trunks, directivity: Directivity, **settings: float):
-    reverb = Reverb(**{"duration": 0.4, "sample_rate": 8000.0, **settings})
-    return impulse_response(forest, reverb, AIR, directivity=directivity)
-
-
 @pytest.mark.medium
 def test_each_path_has_the_gain_of_its_departure() -> None:
     """One trunk at a time, and 12 at once by either sum: cardioid that points away from the receiver."""
@@ -260,14 +258,13 @@ def test_each_path_has_the_gain_of_its_departure() -> None:
     away = forest.position - (5.0, 10.0)
     gain = 0.5 - 0.5 * away[:, 0] / np.hypot(*away.T)
     apart = [
-        g * directivity_listen(forest.select(np.array([m])), OMNI, tolerance=0.0).trees
-        for m, g in enumerate(gain)
+        g * listen(forest.select(np.array([m])), tolerance=0.0).trees for m, g in enumerate(gain)
     ]
     expected = np.sum(apart, axis=0)
-    free = directivity_listen(forest, OMNI).ground
+    free = listen(forest).ground
     for tolerance in (0.0, 1e-6):
-        together = directivity_listen(
-            forest, CARDIOID, facing_azimuth_deg=180.0, tolerance=tolerance
+        together = listen(
+            forest, directivity=CARDIOID, facing_azimuth_deg=180.0, tolerance=tolerance
         )
         assert np.linalg.norm(together.trees - expected) < 2e-5 * np.linalg.norm(expected)
         assert np.abs(together.direct).max() < 1e-15
@@ -280,8 +277,7 @@ def test_a_directivity_by_frequency_filters_direct_and_trees() -> None:
     speaker, one = loudspeaker(), trunks(1)
     facing = {"facing_azimuth_deg": 60.0, "duration": 2.0}
     directed, free = (
-        directivity_listen(one, speaker, **facing),
-        directivity_listen(one, OMNI, **facing),
+        listen(one, directivity=directivity, **facing) for directivity in (speaker, OMNI)
     )
     frequency = np.fft.rfftfreq(16_000, 1 / 8000.0)
     heard = (frequency > 200) & (frequency < 3000)
@@ -596,11 +592,7 @@ def test_moments_places_and_words(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="no such file"):
         ends_of(Reverb(array_file="none.csv"), None, tmp_path)
     with pytest.raises(SpecError, match="path_step"):
-        ends_of(replace_step(path), None, tmp_path)
-
-
-def replace_step(path: str) -> Reverb:
-    return Reverb(source_path=path, path_step=1e-4)
+        ends_of(Reverb(source_path=path, path_step=1e-4), None, tmp_path)
 
 
 def test_background_noise_has_the_levels_asked_for(tmp_path: Path) -> None:

@@ -102,7 +102,7 @@ def test_trunks_on_a_grid_and_one_by_one(cost: float, monkeypatch: pytest.Monkey
         (441, (0.007, 0.007), 100.0, 24e3, 1e-6, (20.0, 50.0, 101.3), None),
         (60, (0.1, 0.1), 100.0, 24e3, 1e-4, (-40.0, 0.01, 60.0), None),
         (60, (0.12, 0.12), 60.0, 4e3, 1e-5, (0.0, 3.0, 101.3), 0.08),  # ends among arrivals
-        pytest.param(2, (0.1, 0.1), 10.0, 192e3, 1e-4, (20.0, 50.0, 101.3), None, marks=slow),
+        pytest.param(2, (0.1, 0.1), 10.0, 192e3, 1e-4, (20.0, 50.0, 101.3), 0.06, marks=slow),
     ],
 )
 def test_every_air_and_rate(
@@ -179,10 +179,10 @@ def test_trunks_that_lean_in_warm_air_with_leaves() -> None:
 
 @slow
 def test_many_trunks_at_single_frequencies() -> None:
-    """5,000 trunks, lognormal from 1 cm to 2 m: the spectrum in each octave against the plain sum."""
+    """1,500 trunks, lognormal from 1 cm to 2 m: the spectrum in each octave against the plain sum."""
     rng = np.random.default_rng(3)
-    radius = np.clip(rng.lognormal(math.log(0.08), 0.7, 5_000), 0.01, 2.0)
-    some, *_ = between(rng.uniform(-125, 125, (5_000, 2)), radius, 10.0)
+    radius = np.clip(rng.lognormal(math.log(0.08), 0.7, 1_500), 0.01, 2.0)
+    some, *_ = between(rng.uniform(-125, 125, (1_500, 2)), radius, 10.0)
     rate, tolerance = 16e3, 1e-4
     samples, _ = Expansions().sum(
         some, rate, int((some.length.max() / 343 + 1.0) * rate), AIR, tolerance
@@ -253,11 +253,12 @@ def test_chosen_by_tolerance_and_number() -> None:
         reverb = Reverb(duration=0.3, sample_rate=8000.0, tolerance=tolerance)
         return tree_response(some, *ends, reverb, AIR)
 
-    assert listen(300, 0.0).exact
+    exact, fast = listen(300, 0.0), listen(300, 1e-4)
+    assert exact.exact
     assert listen(20, 1e-4).exact
-    assert not listen(300, 1e-4).exact
-    gap = listen(300, 1e-4).samples - listen(300, 0.0).samples
-    assert 0 < np.linalg.norm(gap) < 1e-4 * np.linalg.norm(listen(300, 0.0).samples)
+    assert not fast.exact
+    gap = np.linalg.norm(fast.samples - exact.samples)
+    assert 0 < gap < 1e-4 * np.linalg.norm(exact.samples)
 
 
 @slow
@@ -429,7 +430,7 @@ def octave_norms(samples, rate):
 @pytest.mark.medium
 @pytest.mark.parametrize("model", ["paper", pytest.param("forest", marks=pytest.mark.slow)])
 def test_what_is_left_out_is_below_its_bound(model):
-    trunks, clap = record_stand(50), CLAP.changed(model=model, tail="none", tolerance=0.0)
+    trunks, clap = record_stand(25), CLAP.changed(model=model, tail="none", tolerance=0.0)
     field = ((-60.0, -60.0), (120.0, 120.0))
     whole = impulse_response(trunks, clap, Air(), field=field)
     some = impulse_response(trunks, clap, Air(), field=field, all_trunks=False)
