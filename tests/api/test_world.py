@@ -24,20 +24,24 @@ from forest_addon.api import (
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.toml_file import structure
 
-SCENE = forest.Scene(
-    seed=4,
-    forest=forest.Forest(size=(6.0, 6.0), margin=5.0),
-    plantings=(forest.Planting(species="hazelnut", variants=1, expected=2, exact=True),),
-)
+BUSH = forest.Planting(species="hazelnut", variants=1, expected=2, exact=True)
+SCENE = forest.Scene(seed=4, forest=forest.Forest(size=(6.0, 6.0), margin=5.0), plantings=(BUSH,))
 TRIPOD = forest.Terrestrial(position=(-2.0, 3.0, 1.5), angle_step_deg=2.0)
 BAT = forest.Sonar(position=(-2.0, 3.0, 1.5), beam_width_deg=(60.0, 60.0), cull=0.01)
 CLAP = forest.Reverb(source=(-3, 3, 0.2), receiver=(9, 3, 0.2), sample_rate=8000, duration=0.1)
+ROW = forest.Tractor(position=(-3, 0, 1), track=2, step=0.5, angle_step_deg=5, reach=8, top=4)
+COARSE = TRIPOD.changed(angle_step_deg=20.0)
 
 
 @pytest.fixture(scope="module")
 def world():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     return forest.build(SCENE)
+
+
+@pytest.fixture(scope="module")
+def results(world):
+    return [world.scan(TRIPOD), world.scan(ROW), world.ping(BAT), world.impulse_response(CLAP)]
 
 
 @pytest.mark.slow
@@ -96,8 +100,8 @@ def test_what_is_moved_is_scanned_where_it_is(world):
 
 @pytest.mark.medium
 @pytest.mark.parametrize("ending", [".laz", ".las", ".ply", ".npz", ".csv"])
-def test_a_cloud_as_a_file(world, tmp_path, ending):
-    cloud = world.scan(TRIPOD)
+def test_a_cloud_as_a_file(results, tmp_path, ending):
+    cloud = results[0]
     path = cloud.save(tmp_path / f"cloud{ending}")
     if ending in (".laz", ".las"):
         with laspy.open(path) as file:
@@ -114,14 +118,8 @@ def test_a_cloud_as_a_file(world, tmp_path, ending):
 
 
 @pytest.mark.slow
-def test_notebooks_show_pictures_and_play_sounds(world):
-    row = forest.Tractor(position=(-3, 0, 1), track=2, step=0.5, angle_step_deg=5, reach=8, top=4)
-    for result in (
-        world.scan(TRIPOD),
-        world.scan(row),
-        world.ping(BAT),
-        world.impulse_response(CLAP),
-    ):
+def test_notebooks_show_pictures_and_play_sounds(world, results):
+    for result in results:
         shown = result._repr_html_()
         assert "<img" in shown
         coded = shown.partition("data:audio/wav;base64,")[2].partition('"')[0]
@@ -133,92 +131,19 @@ def test_notebooks_show_pictures_and_play_sounds(world):
     assert "hazelnut" in world._repr_html_()
 
 
-def test_any_scene_of_blender():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.mesh.primitive_cube_add(location=(5, 0, 0))
-    found = forest.current().scan(forest.Terrestrial(position=(0, 0, 0), angle_step_deg=3))
-    assert np.isclose(found.points[:, 0].min(), 4.0)
-    with pytest.raises(forest.SpecError, match="not grown here"):
-        forest.current().trees  # noqa: B018
-
-
 @pytest.mark.medium
-def test_blenders_own_cube_is_not_in_the_forest():
-    bpy.ops.wm.read_factory_settings()
-    forest.build(SCENE)
-    assert not {"Cube", "Camera", "Light"} & {obj.name for obj in bpy.data.objects}
-
-
-@pytest.mark.medium
-def test_a_closed_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    world = forest.build(SCENE)
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    with pytest.raises(forest.SpecError, match=r"world: .*build it again|another scene"):
-        world.scan(TRIPOD)
-
-
-@pytest.fixture(scope="module")
-def bare():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    return forest.build(SCENE)
-
-
-@pytest.mark.medium
-def test_a_sensor_inside_of_a_trunk_is_said(bare):
-    wood = bare.skeleton(0)
+def test_a_sensor_inside_of_a_trunk_is_said(world):
+    wood = world.skeleton(0)
     row = int(np.argmax(wood["radius"].min(axis=1)))
     inside = tuple(0.5 * (wood["start"][row] + wood["end"][row]))
     for sensor in (
-        TRIPOD.changed(position=inside, angle_step_deg=20),
+        COARSE.changed(position=inside),
         BAT.changed(position=inside, max_range=2.0),
         CLAP.changed(source=inside),
         forest.Mobile(poses=(forest.Pose(position=inside), forest.Pose(time=0.01)), line_rate=200),
     ):
-        assert "stands inside tree 0" in bare.look(sensor).warnings[0]
-    assert bare.scan(TRIPOD.changed(angle_step_deg=20)).warnings == ()
-
-
-def test_still_holds_the_scene_as_it_is():
-    """What is added to Blender's scene within the block is seen after it and not before."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bare = forest.current()
-    down = forest.Terrestrial(position=(0, 0, 3), elevation_deg=(-90, -80), angle_step_deg=5)
-    with bare.still():
-        bpy.ops.mesh.primitive_plane_add(size=4)
-        assert len(bare.scan(down)) == 0
-    assert len(bare.scan(down)) > 0
-
-
-@pytest.mark.medium
-def test_step_by_step_is_the_same_as_at_once():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bush = forest.Planting(species="hazelnut", variants=1, expected=2, exact=True)
-    scene = forest.Scene(seed=4, plantings=(bush,), sensors=(CLAP,))
-    at_once = forest.build(scene).trees
-    site = forest.Site.of(scene)
-    grown = site.grow()
-    world = site.build(grown, as_assets=False, seconds=2.0)
-    assert world.trees.keys() == at_once.keys()
-    assert all(np.array_equal(world.trees[name], at_once[name]) for name in at_once)
-    assert world.seconds > 2.0  # growing, and building
-    assert world.audit["leaves"].seconds == world.seconds
-
-
-def test_without_blender(monkeypatch):
-    monkeypatch.setitem(sys.modules, "bpy", None)
-    with pytest.raises(forest.SpecError, match="pip install bpy"):
-        forest.build(SCENE)
-    assert forest.Terrestrial().kind == "terrestrial"  # settings need no Blender
-
-
-@pytest.mark.medium
-def test_the_examples_run():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    modules = (world_module, scanners_module, results_module)
-    found = [doctest.testmod(module) for module in modules]
-    assert sum(each.attempted for each in found) >= 12
-    assert not any(each.failed for each in found)
+        assert "stands inside tree 0" in world.look(sensor).warnings[0]
+    assert world.scan(COARSE).warnings == ()
 
 
 def test_an_instrument_is_the_sensor_of_a_scene_file_that_names_it():
@@ -231,34 +156,9 @@ def test_an_instrument_is_the_sensor_of_a_scene_file_that_names_it():
 # --------------------------------------------------------------------------------------------- given
 # Wrong arguments of a script end in one sentence, never in what breaks further in.
 
-BUSH = forest.Planting(species="hazelnut", variants=1, expected=1, exact=True)
-GIVEN_SCENE = forest.Scene(forest=forest.Forest(size=(4.0, 4.0), margin=2.0), plantings=(BUSH,))
-COARSE = forest.Terrestrial(position=(-2.0, 3.0, 1.5), angle_step_deg=20.0)
-GIVEN_CLAP = forest.Reverb(
-    source=(-3, 3, 0.2), receiver=(9, 3, 0.2), sample_rate=8000, duration=0.05
-)
-
-
-@pytest.fixture(scope="module")
-def given_world():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    return forest.build(GIVEN_SCENE)
-
-
-@pytest.fixture(scope="module")
-def results(given_world):
-    row = forest.Tractor(track=1.0, step=0.5, angle_step_deg=5.0, reach=3.0)
-    bat = forest.Sonar(position=(-2.0, 3.0, 1.5), cull=0.01)
-    return [
-        given_world.scan(COARSE),
-        given_world.scan(row),
-        given_world.ping(bat),
-        given_world.impulse_response(GIVEN_CLAP),
-    ]
-
 
 def other(species):
-    return GIVEN_SCENE.changed(plantings=(BUSH.changed(species=species),))
+    return SCENE.changed(plantings=(BUSH.changed(species=species),))
 
 
 @pytest.mark.medium
@@ -302,8 +202,8 @@ def other(species):
         ),
         (lambda w: forest.build("x.toml"), "build: takes a Scene, not a str; read a scene file"),
         (lambda w: forest.build(None), "takes a Scene, not None"),
-        (lambda w: forest.build(GIVEN_SCENE, folder=3), "folder: takes the path"),
-        (lambda w: forest.build(GIVEN_SCENE, progress=3), "progress: takes a function"),
+        (lambda w: forest.build(SCENE, folder=3), "folder: takes the path"),
+        (lambda w: forest.build(SCENE, progress=3), "progress: takes a function"),
         (lambda w: forest.read(3), "read: takes the path"),
         (lambda w: forest.read("a\0.toml"), "read: takes the path"),
         (lambda w: forest.instrument(None), "instrument: None is not a text"),
@@ -327,9 +227,9 @@ def other(species):
         (lambda w: copy.deepcopy(w), "cannot be copied or sent"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_one_sentence(do, words, given_world):
+def test_what_cannot_be_done_is_said_in_one_sentence(do, words, world):
     with pytest.raises(forest.SpecError) as said:
-        do(given_world)
+        do(world)
     assert words in str(said.value)
     assert "\n" not in str(said.value)
 
@@ -370,33 +270,13 @@ def test_results_travel_between_processes(results):
         assert back.audit == result.audit
 
 
-def test_too_little_memory_is_said(given_world, monkeypatch):
+def test_too_little_memory_is_said(world, monkeypatch):
     def huge(*_):
         np.zeros(2**48)
 
     monkeypatch.setattr(Observer, "observe", huge)
     with pytest.raises(forest.SpecError, match=r"needs more memory than there is \(Unable to all"):
-        given_world.scan(COARSE)
-
-
-@pytest.mark.medium
-def test_a_world_that_was_replaced_says_so(given_world):
-    """It would scan another forest, and call that its own."""
-    try:
-        second = forest.build(GIVEN_SCENE.changed(seed=9))
-        for look in (
-            lambda: given_world.scan(COARSE),
-            lambda: given_world.impulse_response(GIVEN_CLAP),
-            lambda: given_world.hemisphere((0.0, 0.0, 1.0), pixels=8),
-            lambda: given_world.audit,
-        ):
-            with pytest.raises(forest.SpecError, match="another forest was built in its place"):
-                look()
-        assert len(second.scan(COARSE)) > 0
-        assert len(given_world.trees["tree"]) == 1  # what grew is known all the same
-    finally:
-        again = forest.build(GIVEN_SCENE)
-        given_world.forest, given_world._place = again.forest, again._place
+        world.scan(COARSE)
 
 
 AWAY = (4000.0, 0.0, 2.0)
@@ -406,22 +286,109 @@ AWAY = (4000.0, 0.0, 2.0)
 @pytest.mark.parametrize(
     ("sensor", "words"),
     [
-        (COARSE.changed(position=AWAY), "0 points: the nearest thing is 3,994 m away and it reaches 120 m"),
+        (COARSE.changed(position=AWAY), "0 points: the nearest thing is 3,989 m away and it reaches 120 m"),
         (COARSE.changed(elevation_deg=(60.0, 80.0)), "0 points: nothing that sends enough back"),
         (forest.Airborne(position=(0, -2, 90.0), track=5.0, max_range=40.0, pulse_rate=99.0), "reaches 40 m"),
         (forest.Tractor(position=AWAY, track=1.0, step=0.5, angle_step_deg=9.0), "no beam met anything: the"),
-        (forest.Sonar(position=AWAY), "silence: the nearest thing is 3,994 m away and it reaches 15 m"),
-        (GIVEN_CLAP.changed(min_radius=2.0), "no trunk is heard"),
+        (forest.Sonar(position=AWAY), "silence: the nearest thing is 3,989 m away and it reaches 15 m"),
+        (CLAP.changed(min_radius=2.0), "no trunk is heard"),
     ],
 )  # fmt: skip
-def test_a_result_that_is_empty_says_why(given_world, sensor, words):
-    result = given_world.look(sensor)
+def test_a_result_that_is_empty_says_why(world, sensor, words):
+    result = world.look(sensor)
     assert [warning for warning in result.warnings if words in warning], result.warnings
     assert [note for note in result.notes if words in note]
 
 
 def test_a_result_that_is_not_empty_says_nothing(results):
     assert [result.warnings for result in results[:3]] == [()] * 3
+
+
+# --------------------------------------------------------------------------------------------- other
+# Other scenes than that of the fixture, which end it.
+
+
+@pytest.mark.medium
+def test_a_world_that_was_replaced_says_so():
+    """It would scan another forest, and call that its own."""
+    world = forest.build(SCENE)
+    second = forest.build(SCENE.changed(seed=9))
+    for look in (
+        lambda: world.scan(COARSE),
+        lambda: world.impulse_response(CLAP),
+        lambda: world.hemisphere((0.0, 0.0, 1.0), pixels=8),
+        lambda: world.audit,
+    ):
+        with pytest.raises(forest.SpecError, match="another forest was built in its place"):
+            look()
+    assert len(second.scan(COARSE)) > 0
+    assert len(world.trees["tree"]) == 2  # what grew is known all the same
+
+
+def test_any_scene_of_blender():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add(location=(5, 0, 0))
+    found = forest.current().scan(forest.Terrestrial(position=(0, 0, 0), angle_step_deg=3))
+    assert np.isclose(found.points[:, 0].min(), 4.0)
+    with pytest.raises(forest.SpecError, match="not grown here"):
+        forest.current().trees  # noqa: B018
+
+
+@pytest.mark.medium
+def test_blenders_own_cube_is_not_in_the_forest():
+    bpy.ops.wm.read_factory_settings()
+    forest.build(SCENE)
+    assert not {"Cube", "Camera", "Light"} & {obj.name for obj in bpy.data.objects}
+
+
+@pytest.mark.medium
+def test_a_closed_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    world = forest.build(SCENE)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with pytest.raises(forest.SpecError, match=r"world: .*build it again|another scene"):
+        world.scan(TRIPOD)
+
+
+def test_still_holds_the_scene_as_it_is():
+    """What is added to Blender's scene within the block is seen after it and not before."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bare = forest.current()
+    down = forest.Terrestrial(position=(0, 0, 3), elevation_deg=(-90, -80), angle_step_deg=5)
+    with bare.still():
+        bpy.ops.mesh.primitive_plane_add(size=4)
+        assert len(bare.scan(down)) == 0
+    assert len(bare.scan(down)) > 0
+
+
+@pytest.mark.medium
+def test_step_by_step_is_the_same_as_at_once():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = forest.Scene(seed=4, plantings=(BUSH,), sensors=(CLAP,))
+    at_once = forest.build(scene).trees
+    site = forest.Site.of(scene)
+    grown = site.grow()
+    world = site.build(grown, as_assets=False, seconds=2.0)
+    assert world.trees.keys() == at_once.keys()
+    assert all(np.array_equal(world.trees[name], at_once[name]) for name in at_once)
+    assert world.seconds > 2.0  # growing, and building
+    assert world.audit["leaves"].seconds == world.seconds
+
+
+def test_without_blender(monkeypatch):
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    with pytest.raises(forest.SpecError, match="pip install bpy"):
+        forest.build(SCENE)
+    assert forest.Terrestrial().kind == "terrestrial"  # settings need no Blender
+
+
+@pytest.mark.medium
+def test_the_examples_run():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    modules = (world_module, scanners_module, results_module)
+    found = [doctest.testmod(module) for module in modules]
+    assert sum(each.attempted for each in found) >= 12
+    assert not any(each.failed for each in found)
 
 
 def test_nothing_in_the_scene_is_said():
@@ -432,7 +399,7 @@ def test_nothing_in_the_scene_is_said():
 
 
 def test_a_forest_without_trees_is_said():
-    bare = forest.build(GIVEN_SCENE.changed(plantings=(BUSH.changed(expected=0.0),)))
+    bare = forest.build(SCENE.changed(plantings=(BUSH.changed(expected=0.0),)))
     assert bare.forest.notes == ("no tree stands: expect more, or a larger field",)
 
 
