@@ -101,7 +101,7 @@ def test_a_stem_behind_another_is_hidden():
 
 @pytest.mark.slow
 def test_bark_adds_to_residuals_of_circles(monkeypatch):
-    few = np.array([[4.0, 3.0, 0.25, 17.0], [6.5, 6.0, 0.28, 17.0]])
+    few = np.array([[4.0, 3.0, 0.25, 17.0]])
     monkeypatch.setattr(residuals, "pine_stems", lambda seed: few)
     monkeypatch.setattr(residuals, "STEP", 0.25)
     rough, smooth = (

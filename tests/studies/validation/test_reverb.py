@@ -60,9 +60,9 @@ def test_a_map_says_what_it_lacks(tmp_path):
 @pytest.mark.slow
 def test_a_recording_of_ones_own(tmp_path, monkeypatch):
     monkeypatch.setattr(reverb_own, "SEVERAL", 1)
-    monkeypatch.setattr(reverb_own, "REACH", 40.0)
+    monkeypatch.setattr(reverb_own, "REACH", 20.0)
     rng = np.random.default_rng(2)
-    rows = [f"{x:.2f},{y:.2f},0.12,," for x, y in rng.uniform(-15, 15, (40, 2))]
+    rows = [f"{x:.2f},{y:.2f},0.12,," for x, y in rng.uniform(-15, 15, (20, 2))]
     ends = ["-4,0,,source,1.5", "4,0,,receiver,1.5"]
     (tmp_path / "trees.csv").write_text("\n".join(["x,y,radius,what,z", *rows, *ends]))
     decay = noise(10.0 ** (-3.0 * np.arange(32_000) / 32_000 / 0.5)).astype(np.float32)
