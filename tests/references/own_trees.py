@@ -1,6 +1,6 @@
 """Trees that our own growers make, as the facets that a user would bring, with their skeleton as truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -103,7 +103,7 @@ class OwnTree:
 def own_tree(name: str) -> OwnTree:
     """One tree of a species, recognised and taken apart."""
     species = SPECIES[name]
-    tree = grow(_with(species), None, stream(3, "own", name))
+    tree = grow(replace(species, detail=Detail(tolerance=0.004)), None, stream(3, "own", name))
     facets = tree.mesh.vertices[tree.mesh.triangles]
     wood, leaves = facets[tree.mesh.part == WOOD], facets[tree.mesh.part == LEAF]
     found = recognise(wood, leaves)
@@ -125,9 +125,3 @@ def mothers_of(tree: Tree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     last[axis] = np.arange(len(axis))  # the last that is written stays
     parent = wood.parent[first]
     return np.where(parent < 0, -1, axis[parent]), wood.start[first], wood.end[last]
-
-
-def _with(species: Species) -> Species:
-    from dataclasses import replace
-
-    return replace(species, detail=Detail(tolerance=0.004))

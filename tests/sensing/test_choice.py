@@ -1,7 +1,6 @@
 """What is left to "auto": from files and from Python, bounds that hold, and what knows no auto."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -278,16 +277,6 @@ def test_a_templates_mesh_stays():
     key = next(iter(full.variants))
     assert some.variants[key] is not None
     assert np.array_equal(some.variants[key].mesh.vertices, full.variants[key].mesh.vertices)
-
-
-@pytest.mark.medium
-def test_nothing_is_chosen_where_all_is_asked_for():
-    asked = replace(scene(PLANE), accuracy=Accuracy())
-    full, some, chosen = grown(asked)
-    assert chosen == () == some.detail
-    for key, tree in full.variants.items():
-        assert np.array_equal(some.variants[key].mesh.vertices, tree.mesh.vertices)
-        assert np.array_equal(some.variants[key].mesh.triangles, tree.mesh.triangles)
 
 
 # ------------------------------------------------------------------------------------------- outline

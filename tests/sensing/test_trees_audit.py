@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from references.echoes import square_leaves
 from references.rays import BruteCaster, scene_with
 
 from forest_addon.base.rng import stream
@@ -150,17 +151,8 @@ def test_an_audit_reads_as_people_write_numbers():
 def slab(index, rng, size=0.4, half=7.0):
     """Square leaves at random from 1 to 1.5 m up, facing all ways: P = exp(-L/(2 cos θ))."""
     count = round(index * (2 * half) ** 2 / size**2)
-    normal = rng.standard_normal((count, 3))
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    helper = rng.standard_normal((count, 3))
-    u = np.cross(normal, helper)
-    u *= size / 2 / np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(normal, u)
     centre = np.column_stack([rng.uniform(-half, half, (count, 2)), rng.uniform(1.0, 1.5, count)])
-    corners = np.stack([centre - u - v, centre + u - v, centre + u + v, centre - u + v], axis=1)
-    first = 4 * np.arange(count)[:, None, None]
-    triangles = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
-    return scene_with(TriMesh.of_part(corners.reshape(-1, 3), triangles, LEAF))
+    return scene_with(square_leaves(centre, rng.standard_normal((count, 3)), size))
 
 
 @pytest.mark.slow

@@ -241,14 +241,6 @@ def test_widths_are_the_gaussian_beams_at_every_range(distance):
         assert np.std(spot[:, axis]) == pytest.approx(radius / 2, rel=2e-3)
 
 
-@pytest.mark.parametrize("edge", [-1.2, -0.5, 0.0, 0.3, 1.0])  # of the 1/e² radius
-def test_the_energy_beyond_an_edge_is_the_error_functions(edge):
-    beam = Beam(subrays=1000, divergence_mrad=(1.0, 1.0))
-    spot = spots(beam, 100.0, count=20)  # w = 0.05 m
-    share = np.mean(spot[:, :, 0] > edge * 0.05, axis=1)
-    assert share == pytest.approx(0.5 - 0.5 * erf(np.sqrt(2) * edge), abs=0.01)
-
-
 def test_the_error_at_an_edge_falls_with_the_number_of_sub_rays():
     def error(subrays):
         beam = Beam(subrays=subrays, divergence_mrad=(1.0, 1.0))

@@ -47,27 +47,6 @@ def test_what_is_right_is_kept(tolerance, cull, model):
     assert found.checked >= 4
 
 
-def row_of_leaves(count, size, turn, apart):
-    """Equal leaves one behind the other, ``apart`` metres, all turned the same way."""
-    corners = size * np.array([[0, -1, -1], [0, 1, -1], [0, 0, 2.0]])
-    corners = corners @ np.array(
-        [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
-    )
-    corners = corners + np.arange(count)[:, None, None] * [apart, 0, 0] + [3.0, 0, 0]
-    mesh = TriMesh.of_part(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), LEAF)
-    return EchoTargets(scene_of(replace(mesh, leaf=np.arange(count, dtype=np.int32))))
-
-
-@pytest.mark.parametrize(("size", "apart"), [(0.02, 0.0), (0.05, 343.2 / 60e3 / 2)])
-def test_equal_leaves_in_phase_are_kept(size, apart):
-    """What a table is off by adds up where echoes are equal and in phase, unlike over a crown."""
-    things = row_of_leaves(300, size, 0.9, apart)
-    sonar = BAT.changed(tolerance=1e-6, cull=0.0, absorption=False)
-    fast, exact = ping(things, sonar, AIR), ping(things, sonar.changed(tolerance=0.0), AIR)
-    apart = np.abs(fast.spectra - exact.spectra).max()
-    assert apart <= SMOOTH * exact.size.max()
-
-
 def test_what_was_left_out_without_leave_is_found():
     """An echo that culled a tenth where a ten-thousandth was allowed."""
     sonar = BAT.changed(cull=0.1, beam_width_deg=(20, 20))

@@ -4,23 +4,19 @@ sum in double precision; and the estimate of the error against the error."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from references.discs import HardDisc
-from references.echoes import scene_of
 
 from forest_addon.acoustics.disc_table import LAST, table_error, tabulated
 from forest_addon.acoustics.nonuniform import sum_delayed
-from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.sonar.facets import RimStrength
 from forest_addon.sensing.sonar.leaves import DiscStrength, EdgeStrength
-from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.scatterers import Strength
-from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.sensing.sonar.wood import CylinderStrength
-from forest_addon.spec import Air, Sonar
+from forest_addon.spec import Air
 
 AIR, SPEED = Air(), 343.0
 pytestmark = pytest.mark.usefixtures("computed_by")
@@ -151,38 +147,6 @@ def test_the_sum_keeps_its_tolerance_and_knows_its_error(kind: str) -> None:
         if scene.where == "spread" and error > 1e-9:
             sharp.append(told / error)
     assert np.median(sharp) < 15.0
-
-
-def post_and_board() -> TriMesh:
-    """Wood and facets."""
-    turn = np.linspace(0, 2 * np.pi, 13)[:-1]
-    ring = 0.03 * np.stack([np.cos(turn), np.sin(turn), np.zeros(12)], axis=1)
-    rings = np.concatenate([ring + np.array([4, 0, z]) for z in np.linspace(1.2, 2.8, 9)])
-    first = np.arange(12)
-    quads = np.stack([first, (first + 1) % 12, 12 + (first + 1) % 12, 12 + first], axis=1)
-    quads = (quads + 12 * np.arange(8)[:, None, None]).reshape(-1, 4)
-    pole = TriMesh.of_part(rings, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]), WOOD)
-    corners = np.array([(5, -1, 1.0), (5.2, 1, 1.0), (5.2, 1, 3), (5, -1, 3)])
-    return join([pole, TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), OTHER)])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kinds", "beam"),
-    [({"wood": False}, "horseshoe"), ({"facets": False}, "gaussian"), ({}, "horseshoe")],
-)
-def test_a_ping_at_a_post_and_a_board_many_times_at_one_place(kinds: dict, beam: str) -> None:
-    mesh = post_and_board()
-    one, many = EchoTargets(scene_of(mesh)), EchoTargets(scene_of(mesh, *[np.eye(3, 4)] * 30))
-    sonar = Sonar(tolerance=0.0, beam=beam, **QUIET, **kinds)
-    exact = ping(one, sonar, AIR)
-    for digits in (2, 4, 6):
-        fast = ping(many, replace(sonar, tolerance=10.0**-digits), AIR)
-        size = 30.0 * exact.size.max()
-        error = np.abs(fast.spectra - 30 * exact.spectra).max() / size
-        assert 0 < error <= 10.0**-digits
-        assert error <= fast.error_bound <= 10.0**-digits
-        assert fast.size.max() == pytest.approx(size, rel=0.1)  # few nodes miss a maximum
 
 
 def test_error_of_the_table_is_bounded() -> None:
