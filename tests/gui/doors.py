@@ -23,7 +23,6 @@ from drive import (
 )
 
 KINDS = ("terrestrial", "drone", "mobile", "airborne", "tractor", "sonar", "reverb")
-TITLES = ("Drone LiDAR", "Vehicle LiDAR", "Aircraft LiDAR", "Tractor LiDAR", "Bat Sonar", "Reverb")
 
 
 def at_rest() -> Scenario:
@@ -76,12 +75,6 @@ def every_sensor(steps: Steps) -> Scenario:
         yield from at_rest()
     props().advanced = False
 
-    steps.step("each of them runs as it is")
-    scroll(view()[3], -40)
-    press("forest.run", frames="THIS", sure=True)
-    yield from results(TITLES, 300)
-    scroll(view()[3], 40)
-
 
 def scenario(steps: Steps) -> Scenario:
     bpy.ops.ed.undo_push(message="before")
@@ -112,8 +105,7 @@ def scenario(steps: Steps) -> Scenario:
     yield from at_rest()
 
     steps.step("EEVEE and Cycles render the points")
-    points = props().results[name].shown
-    shown = bpy.data.objects[points]
+    shown = bpy.data.objects[props().results[name].shown]
     eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     eye.location, eye.rotation_euler = (0, -14, 6), (1.2, 0, 0)
     bpy.context.scene.collection.objects.link(eye)
@@ -161,12 +153,6 @@ def scenario(steps: Steps) -> Scenario:
     yield from opened(steps, "export asks for format", lambda: press(export, result=name))
     yield from opened(steps, "the menu of instruments", menu("instruments"))
     yield from every_sensor(steps)
-
-    steps.step("a result is removed with its points")
-    press("forest.remove_result", invoke=False, result=name)
-    yield 1
-    assert name not in props().results
-    assert points not in bpy.data.objects
 
     steps.step("a new forest by what its camera sees")
     press("forest.new", invoke=False, preset="maple-walk")

@@ -268,21 +268,47 @@ def seek(command: str, *columns: float) -> Generator[float, None, tuple[int, int
     columns : where to look across the sidebar, as shares of its width. The mouse goes down each until
     Blender says that the button below it is this one.
     """
-    window, area, _, side = view()
     yield from settle()
-    for column in columns:
-        x = side.x + int(column * side.width)
-        for y in range(side.y + side.height - 8, side.y, -ROW):
-            point_at(x, y)
-            yield HOVER
-            yield 0  # a timer comes before the mouse when the window was busy
-            with bpy.context.temp_override(window=window, area=area, region=side):
-                if not bpy.ops.ui.copy_python_command_button.poll():
-                    continue
-                bpy.ops.ui.copy_python_command_button()
-            if bpy.context.window_manager.clipboard.startswith(f"bpy.ops.{command}"):
-                return x, y
+    for place in places_down(columns):
+        found = yield from command_at(*place)
+        if found.startswith(f"bpy.ops.{command}"):
+            return place
     return None
+
+
+def places_down(columns: Iterable[float]) -> list[tuple[int, int]]:
+    """Where to look down the sidebar, at shares of its width."""
+    side = view()[3]
+    rows = range(side.y + side.height - 8, side.y, -ROW)
+    return [(side.x + int(column * side.width), y) for column in columns for y in rows]
+
+
+def command_at(x: int, y: int) -> Generator[float, None, str]:
+    """The Python text of the button there, which the mouse is moved to; empty where there is none."""
+    window, area, _, side = view()
+    point_at(x, y)
+    yield HOVER
+    yield 0  # a timer comes before the mouse when the window was busy
+    with bpy.context.temp_override(window=window, area=area, region=side):
+        if not bpy.ops.ui.copy_python_command_button.poll():
+            return ""
+        bpy.ops.ui.copy_python_command_button()
+    return str(bpy.context.window_manager.clipboard)
+
+
+def drag_over(places: list[tuple[int, int]]) -> Scenario:
+    """Drag the left button over places of the window.
+
+    It is given time at each: Blender takes the place of a press from where the mouse is by then.
+    """
+    for number, place in enumerate(places):
+        point_at(*place)
+        yield from settle()
+        if not number:
+            xdotool("mousedown", "1")
+            yield from settle()
+    xdotool("mouseup", "1")
+    yield from settle()
 
 
 def find_tab(name: str) -> Generator[float, None, tuple[int, int]]:

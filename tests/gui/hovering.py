@@ -1,5 +1,5 @@
 """The mouse rests on every button of every sensor until its tooltip is drawn, with all parts of all panels
-open for the last, and a scene is copied in full.
+open for the last, which are then drawn so narrow that they are looked at page by page.
 
 Blender forbids to write while it draws; a tooltip that does leaves a traceback in the log, which fails the
 run.
@@ -9,48 +9,36 @@ from collections.abc import Generator
 
 import bpy
 from drive import (
-    HOVER,
-    ROW,
     Scenario,
     Steps,
     choose,
+    command_at,
     demo_forest,
-    idle,
+    drag_over,
     open_every_panel,
     ours,
-    point_at,
+    places_down,
     press,
-    props,
     scroll,
     settle,
     view,
-    wait_for,
 )
 
 TOOLTIP = 1.0  # s until Blender has drawn one
 COLUMNS = (0.3, 0.6, 0.8, 0.93)  # of the sidebar's width
+NARROW = 180  # pixels
 PAGES = 20  # of the sidebar, one above the other, at most
 SENSORS = ("terrestrial", "drone", "mobile", "airborne", "tractor", "sonar", "reverb")
 
 
 def hover(told: set[str]) -> Scenario:
     """Rest on each button of ours that the sidebar shows; told : commands whose tooltip was drawn already."""
-    window, area, _, side = view()
     yield from settle()
-    for column in COLUMNS:
-        x = side.x + int(column * side.width)
-        for y in range(side.y + side.height - 8, side.y, -ROW):
-            point_at(x, y)
-            yield HOVER
-            yield 0
-            with bpy.context.temp_override(window=window, area=area, region=side):
-                if not bpy.ops.ui.copy_python_command_button.poll():
-                    continue
-                bpy.ops.ui.copy_python_command_button()
-            command = bpy.context.window_manager.clipboard
-            if command.startswith("bpy.ops.forest.") and command not in told:
-                told.add(command)
-                yield TOOLTIP
+    for place in places_down(COLUMNS):
+        command = yield from command_at(*place)
+        if command.startswith("bpy.ops.forest.") and command not in told:
+            told.add(command)
+            yield TOOLTIP
 
 
 def hover_all() -> Generator[float, None, set[str]]:
@@ -58,14 +46,26 @@ def hover_all() -> Generator[float, None, set[str]]:
     told: set[str] = set()
     for _ in range(PAGES):
         yield from hover(told)
-        side = view()[3]
-        top = side.view2d.region_to_view(0, 0)
-        scroll(side, 12)
-        yield from settle()
-        if side.view2d.region_to_view(0, 0) == top:
+        if not (yield from turn_page(12)):
             break
     scroll(view()[3], -100)
     return told
+
+
+def turn_page(notches: int) -> Generator[float, None, bool]:
+    """Scroll down the sidebar; returns whether there was more of it."""
+    side = view()[3]
+    top = side.view2d.region_to_view(0, 0)
+    scroll(side, notches)
+    yield from settle()
+    return side.view2d.region_to_view(0, 0) != top
+
+
+def drag_edge(width: int) -> Scenario:
+    """Drag the sidebar's edge until it is so wide."""
+    side = view()[3]
+    y, to = side.y + side.height // 3, side.x + side.width - width
+    yield from drag_over([(x, y) for x in (side.x + 1, side.x + 5, (side.x + to) // 2, to)])
 
 
 def blocks() -> int:
@@ -95,22 +95,17 @@ def scenario(steps: Steps) -> Scenario:
         steps.step(f"every button of a sensor: {kind}")
         yield from hover_sensor(kind)
 
-    steps.step("a full copy is a copy: growing in it moves nothing of the first")
-    first = bpy.context.scene
-    stood = {obj.name for obj in first.objects if "forest_tree" in obj}
-    press("scene.new", invoke=False, type="FULL_COPY")
-    yield from settle()
-    press("forest.build")
-    yield 0.3
-    yield from wait_for(idle, 120, "the forest of the copy")
-    assert bpy.context.scene != first
-    copied = [obj for obj in bpy.context.scene.objects if "forest_tree" in obj]
-    assert len(copied) == len(stood) == sum(p.standing for p in props().plantings)
-    assert {obj.name for obj in first.objects if "forest_tree" in obj} == stood
-
     steps.step("every button of every part of a panel")
     bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=False)
     yield 1.0
     open_every_panel()
     yield from demo_forest()
     yield from hover_sensor("sonar")
+
+    yield from drag_edge(NARROW)
+    assert abs(view()[3].width - NARROW) < 5, view()[3].width
+    for page in range(PAGES):
+        steps.step(f"page {page} of the sidebar at {NARROW} pixels")
+        yield from settle()
+        if not (yield from turn_page(16)):
+            break

@@ -12,7 +12,6 @@ from drive import (
     demo_forest,
     find_button,
     ours,
-    props,
     settle,
     wait_for,
 )
@@ -50,11 +49,6 @@ def scenario(steps: Steps) -> Scenario:
     yield from settle()
     assert (shown().distance != first).any()
     assert eye().observer is observer
-
-    for kind in ("BRIGHTNESS", "ORGAN"):
-        steps.step(f"it shows {kind.lower()}")
-        props().look_shows = kind
-        yield from settle()
 
     steps.step("a tree that moved is seen when it is quiet")
     tree = next(t for t in bpy.context.scene.objects if "forest_tree" in t)

@@ -10,6 +10,7 @@ from drive import (
     Steps,
     click,
     demo_forest,
+    drag_over,
     idle,
     key,
     ours,
@@ -29,21 +30,6 @@ def on_screen(x: float, y: float) -> tuple[int, int]:
     _, area, main, _ = view()
     found = location_3d_to_region_2d(main, area.spaces.active.region_3d, Vector((x, y, 0)))
     return round(main.x + found.x), round(main.y + found.y)
-
-
-def drag_over(places: list[tuple[int, int]]) -> Scenario:
-    """Drag the left button over places of the window.
-
-    It is given time at each: Blender takes the place of a press from where the mouse is by then.
-    """
-    for number, place in enumerate(places):
-        point_at(*place)
-        yield from settle()
-        if not number:
-            xdotool("mousedown", "1")
-            yield from settle()
-    xdotool("mouseup", "1")
-    yield from settle()
 
 
 def drag(places: list[tuple[float, float]], held: str = "") -> Scenario:

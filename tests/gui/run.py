@@ -22,7 +22,7 @@ OUT = ROOT / "out" / "gui"
 SECONDS = 1800  # for a scenario
 SCENARIOS = (
     *("doors", "session", "ten_clicks", "large", "looking", "working", "planting", "road"),
-    *("hovering", "randomly", "narrow"),
+    *("hovering", "randomly"),
 )
 
 

@@ -15,7 +15,6 @@ from drive import (
     Ending,
     Scenario,
     Steps,
-    choose,
     click,
     files_touched,
     idle,
@@ -101,22 +100,6 @@ def a_broken_overlay_stays_alone() -> Scenario:
         bpy.data.objects.remove(obj)
 
 
-def a_copy_is_chosen() -> Scenario:
-    """Copy the echo as Shift-D does, see that list and buttons mean the copy, and remove it."""
-    echo = bpy.data.objects["bat"]
-    sensors = echo.users_collection[0].objects
-    choose(echo)
-    props().active_sensor = list(sensors).index(echo)
-    press("object.duplicate", invoke=False)
-    yield 0.5
-    assert sensors[props().active_sensor].name == "bat.001"
-    assert ours("ui.shell.views").chosen_sensor(bpy.context).name == "bat.001"
-    press("forest.remove_sensor", invoke=False)
-    yield 0.5
-    assert "bat" in bpy.data.objects
-    assert "bat.001" not in bpy.data.objects
-
-
 def scenario(steps: Steps) -> Scenario:
     window, area, _, _ = view()
     steps.step("build the demo forest")
@@ -161,9 +144,6 @@ def scenario(steps: Steps) -> Scenario:
 
     steps.step("a scanner that follows a curve, beside what else is drawn")
     yield from a_broken_overlay_stays_alone()
-
-    steps.step("Shift-D: the copy is chosen in list and buttons")
-    yield from a_copy_is_chosen()
 
     steps.step("change the seed and grow the forest anew: results stay, marked")
     stood = places()
