@@ -512,9 +512,7 @@ def crumbs(fine):
     if not fine:
         mesh = replace(mesh, vertices=mesh.vertices.astype(np.float32))
     turned = np.linalg.qr(rng.normal(size=(4, 3, 3)))[0]
-    place = np.concatenate([turned, 3 * rng.normal(size=(4, 3, 1))], axis=2)
-    some = np.arange(4)
-    return SceneGeometry((mesh,), place, np.zeros(4, np.int64), ("x",) * 4, some, some)
+    return scene_of([mesh], np.concatenate([turned, 3 * rng.normal(size=(4, 3, 1))], axis=2))
 
 
 def beams(count, rays=19, width=0.0005):
@@ -576,11 +574,10 @@ def lattice():
     )
     rough = 0.25 * stream(7, "rough").integers(0, 3, x.shape)
     heights = (rough, np.full(x.shape, 0.25))
-    meshes = tuple(
+    meshes = [
         TriMesh.of_part(np.stack([x, y, z], axis=2).reshape(-1, 3), faces, OTHER) for z in heights
-    )
-    some = np.arange(2)
-    return SceneGeometry(meshes, np.eye(3, 4)[None].repeat(2, 0), some, ("x",) * 2, some, some)
+    ]
+    return scene_of(meshes, [pose(), pose()], [0, 1])
 
 
 def test_a_hit_depends_on_its_ray_alone():
@@ -610,11 +607,7 @@ def test_no_ray_slips_through_a_flat_face_close_before_it(before):
     rng, count = stream(10, "close"), 20_000
     corners = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
     mesh = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), OTHER)
-    place = np.eye(3, 4)[None].repeat(2, 0)
-    place[1] *= 30
-    place[1, 0, 3] = 28.0
-    none = np.arange(2)
-    scene = SceneGeometry((mesh,), place, 0 * none, ("x",) * 2, none, none)
+    scene = scene_of([mesh], [pose(), pose(30 * np.eye(3), (28, 0, 0))])
     way = np.column_stack([np.ones(count), rng.uniform(-0.3, 0.3, (count, 2))])
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     start = np.column_stack([np.zeros(count), rng.uniform(-0.8, 0.8, (count, 2))]) - before * way

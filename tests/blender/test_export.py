@@ -214,7 +214,7 @@ def test_another_reader_finds_every_tree_of_a_usd_file(empty_blender, instancing
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_other_programs_see_bark_leaves_and_ground_in_colour(empty_blender, instancing, tmp_path):
     """Viewers of glTF and USD do not know Blender's nodes: without a plain colour all is white."""
-    planted(instancing, 2, "maple")
+    planted(instancing, 2, "whorl-8")
     export_glb(bpy.context.scene, tmp_path / "forest.glb")
     export_usd(bpy.context.scene, tmp_path / "forest.usda")
     document, _ = read_glb(tmp_path / "forest.glb")

@@ -24,7 +24,7 @@ STAND = forest.Scene(
     forest=forest.Forest(size=(16.0, 16.0)),
     plantings=(
         forest.Planting(species="scots-pine", expected=3.0, variants=1, scale=(0.8, 1.2)),
-        forest.Planting(species="maple", expected=3.0, variants=1),
+        forest.Planting(species="whorl-8", expected=3.0, variants=1),
     ),
     wind=forest.Wind(speed=9.0, direction_deg=30.0),
     accuracy=forest.Accuracy(audit=0.0),

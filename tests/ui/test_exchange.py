@@ -110,6 +110,7 @@ SINGLE = [
         spec.Planting,
         spec.Air,
         spec.Wind,
+        spec.Flight,
     ),
     spec.Rays,
     *spec.SENSORS.values(),

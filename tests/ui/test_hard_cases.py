@@ -48,6 +48,7 @@ WEDGE = "solid w\n" + "".join(
 HARMLESS = {
     *("add_distance", "add_gaussian", "add_raster", "add_stems", "new_seed", "remove_distance"),
     *("remove_raster", "remove_stems", "save_scene", "make_library", "add_library"),
+    *("export_others", "export_result", "play", "show_picture", "clear_cache"),
 }
 READING = {
     *("save_scene", "export_others", "export_result", "show_result", "select_result", "play"),

@@ -304,11 +304,16 @@ print(sorted(heavy), sorted(r for r in rooms if not set(r.split(".")[1:]) <= rec
 
 @pytest.mark.slow
 def test_enabling_imports_nothing_heavy():
+    assert said_by(IMPORTED).splitlines()[-1] == "[] []"
+
+
+def said_by(code):
+    """What a Python of its own says that runs this."""
     run = subprocess.run(
-        [sys.executable, "-c", IMPORTED], cwd=ROOT, capture_output=True, text=True, timeout=300
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300
     )
     assert run.returncode == 0, run.stderr
-    assert run.stdout.strip().splitlines()[-1] == "[] []"
+    return run.stdout.strip()
 
 
 WITHOUT_SCIPY = """
@@ -331,12 +336,9 @@ except RuntimeError as problem:
 
 @pytest.mark.slow
 def test_enables_without_scipy_and_says_what_is_missing():
-    run = subprocess.run(
-        [sys.executable, "-c", WITHOUT_SCIPY], cwd=ROOT, capture_output=True, text=True, timeout=300
-    )
-    assert run.returncode == 0, run.stderr
-    assert "('scipy',)" in run.stdout
-    assert "scipy is missing in this Blender" in run.stdout
+    said = said_by(WITHOUT_SCIPY)
+    assert "('scipy',)" in said
+    assert "scipy is missing in this Blender" in said
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "forest_addon" / "ui").rglob("*.py")), ids=str)

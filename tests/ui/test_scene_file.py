@@ -470,23 +470,17 @@ def grown():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("door", "name"),
+    ("door", "name", "like"),
     [
-        *((by_panel, "measured"), (by_panel, "near"), (by_dataset, "looked at")),
-        *((by_dataset, "full"), (by_command, "near"), (by_command, "unheard")),
+        *((by_panel, name, name) for name in ("measured", "near")),
+        *((by_dataset, name, name) for name in ("looked at", "full")),
+        *((by_command, name, name) for name in ("near", "unheard")),
+        # A flyer may come near any tree, so that all have full detail, whatever other sensors need.
+        *((by_flight, "unheard", "full"), (by_flight, "measured", "measured")),
     ],
 )
-def test_every_door_opens_on_the_same_forest(props, grown, door, name, tmp_path):
-    same(door(scene_of(name), tmp_path), grown(name))
-
-
-@pytest.mark.medium
-@pytest.mark.parametrize("name", ["unheard", "measured"])
-def test_a_flyer_meets_the_whole_forest(props, grown, name, tmp_path):
-    """It may come near any tree, so that its forest is that of full detail, whatever other sensors need."""
-    scene = scene_of(name)
-    met = by_flight(scene, tmp_path)
-    same(met, grown("full" if name == "unheard" else name))
+def test_every_door_opens_on_the_same_forest(props, grown, door, name, like, tmp_path):
+    same(door(scene_of(name), tmp_path), grown(like))
 
 
 def test_who_hears_no_leaf_grows_none(grown):

@@ -41,6 +41,14 @@ NAMES_OF_DATA = {
 NAMES_OF_PROPERTIES = {"Use {}"}  # the template has each of them, from Blender
 
 
+def packaging(name):
+    """A script of packaging/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"packaging/{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def name_of(call):
     return getattr(call.func, "attr", getattr(call.func, "id", ""))
 
@@ -499,15 +507,7 @@ def test_entries_of_a_menu_differ_in_what_they_say(registered):
 @pytest.mark.medium
 def test_texts_of_the_code_keep_the_glossary():
     """Messages, labels and buttons, which stand in the code."""
-    import sys
-    from pathlib import Path
-
-    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "packaging"))
-    try:
-        import list_words
-    finally:
-        sys.path.pop(0)
-    every = [(place, text) for _, text, place in list_words.of_code()]
+    every = [(place, text) for _, text, place in packaging("list_words").of_code()]
     assert len(every) > 300
     wrong = [
         line
@@ -526,11 +526,8 @@ def test_texts_of_the_code_keep_the_glossary():
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
     """The manual as the extension carries it, by file name."""
-    spec = importlib.util.spec_from_file_location("wm", ROOT / "packaging/write_manual.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     folder = tmp_path_factory.mktemp("manual")
-    module.write_manual(folder)
+    packaging("write_manual").write_manual(folder)
     texts = {path.name: path.read_text(encoding="utf-8") for path in folder.glob("*.html")}
     return folder, texts
 

@@ -33,7 +33,7 @@ from forest_addon.ui.sensors import panels
 from forest_addon.ui.sensors.add import STARTS
 from forest_addon.ui.sensors.run import FOREST_OT_run, _how_many
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.settings.exchange import from_spec, to_spec
+from forest_addon.ui.settings.exchange import to_spec
 
 
 @pytest.mark.medium
@@ -316,16 +316,6 @@ def test_twice_in_a_row_nothing_piles_up(props):
 def test_without_a_flyer_it_says_what_to_do(props):
     with pytest.raises(RuntimeError, match="no flyer yet; add one"):
         bpy.ops.forest.fly(policy="gap")
-
-
-def test_settings_of_a_flight_come_through_the_panel(props):
-    scene = bpy.context.scene
-    wanted = to_spec(scene).changed()
-    wanted = wanted.changed(
-        flight=wanted.flight.changed(body="quadrotor", speed=7.0, start=(1.0, 2.0, 3.0))
-    )
-    from_spec(scene, wanted)
-    assert to_spec(scene).flight == wanted.flight
 
 
 # --------------------------------------------------------------------------------------- instruments

@@ -229,7 +229,9 @@ def test_edited_species_travel_in_the_file(planting, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_tree_from_stl_is_planted(planting, model, own):
+def test_a_tree_from_stl_is_planted_if_its_siblings_are_like_it_or_that_is_accepted(
+    planting, model, own, monkeypatch
+):
     bpy.ops.forest.import_tree(
         directory=str(model), files=[{"name": "leaves.stl"}, {"name": "wood.stl"}]
     )
@@ -241,22 +243,14 @@ def test_a_tree_from_stl_is_planted(planting, model, own):
     assert (habit.anatomy.order == 1).sum() == 9
     assert len(habit.anatomy.foliage.bearer) == 63
     assert path.as_posix() in [choice[0] for choice in edit.choices(props)]
-    bpy.ops.forest.import_tree(filepath=str(model / "wood.stl"), directory=str(model), height=8)
-    assert Path(props.plantings[2].species) == own / "elm-2" / "elm-2.toml"
-
-
-@pytest.mark.slow
-def test_a_tree_whose_siblings_are_unlike_it_is_planted_only_if_accepted(
-    planting, model, own, monkeypatch
-):
     monkeypatch.setattr("forest_addon.growth.likeness.MOST_DIFFERENCE", 1e-4)
-    wood = {"filepath": str(model / "wood.stl"), "directory": str(model)}
+    wood = {"filepath": str(model / "wood.stl"), "directory": str(model), "height": 8}
     with pytest.raises(RuntimeError, match=r"siblings are not like the tree: .*tick Accept"):
         bpy.ops.forest.import_tree(**wood)
-    assert not list(own.iterdir())
-    assert len(bpy.context.scene.forest_sensing.plantings) == 1
+    assert [path.name for path in own.iterdir()] == ["elm"]
+    assert len(props.plantings) == 2
     bpy.ops.forest.import_tree(**wood, accept=True)
-    assert len(bpy.context.scene.forest_sensing.plantings) == 2
+    assert Path(props.plantings[2].species) == own / "elm-2" / "elm-2.toml"
 
 
 @pytest.mark.slow
