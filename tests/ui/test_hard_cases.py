@@ -539,13 +539,6 @@ def test_local_view_hides_nothing_from_a_sensor(again):
     assert points_of("cloud") == before
 
 
-def test_a_forest_that_is_excluded_from_the_view_layer_is_not_there(again):
-    excluded(again())
-    done, words = press("run", sensor="cloud")
-    assert not done
-    assert "nothing to sense" in words
-
-
 def points_of(name):
     (cloud,) = (t for t in bpy.data.objects if t.get(CLOUD_KEY) == name)
     return len(cloud.data.vertices)
@@ -606,16 +599,6 @@ CLOCKED = ("Time", "Checked", "Audit")  # an audit checks as many as its share o
 def figures(name):
     result = bpy.context.scene.forest_sensing.results[name]
     return {figure.name: figure.value for figure in result.figures if figure.name not in CLOCKED}
-
-
-def test_sensors_whose_files_would_have_one_name_are_refused(again):
-    folder = again()
-    bpy.context.scene.forest_sensing.output = str(folder / "out")
-    for kind, name in (("terrestrial", "echo.1"), ("sonar", "echo-1")):
-        thing_of(kind).name = name
-    done, words = press("run")
-    assert not done
-    assert '"echo-1" is taken' in words
 
 
 @pytest.mark.medium

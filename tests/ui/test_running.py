@@ -18,7 +18,6 @@ bpy = pytest.importorskip("bpy")
 
 from ui.pressing import (
     SENSORS,
-    add_cube,
     counts,
     press,
 )
@@ -30,23 +29,6 @@ from forest_addon.ui.forest import build
 from forest_addon.ui.sensors.run import FOREST_OT_run
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell import running
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["build", "run"])
-def test_other_modes_are_refused_with_a_reason(built, name):
-    bpy.context.view_layer.objects.active = add_cube()
-    bpy.ops.object.mode_set(mode="EDIT")
-    with pytest.raises(RuntimeError, match="Object Mode"):
-        press(name)
-    bpy.ops.object.mode_set(mode="OBJECT")
-
-
-@pytest.mark.parametrize("name", ["build", "run"])
-def test_a_missing_package_is_named(small, name, monkeypatch):
-    monkeypatch.setattr(running, "missing", lambda: ("scipy",))
-    with pytest.raises(RuntimeError, match="scipy is missing"):
-        press(name)
 
 
 @pytest.mark.medium

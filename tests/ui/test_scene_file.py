@@ -73,26 +73,6 @@ def test_the_panel_exports_for_other_programs(built, tmp_path):
     assert (tmp_path / "others/forest.glb").is_file()
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("seed = -1", "seed"),
-        ("forrest = 1", "did you mean"),
-        ("[", "not TOML"),
-        (None, "no such file"),
-        ("seed = 9999999999", "too large for the panel"),
-    ],
-)
-def test_a_bad_scene_file_changes_nothing(small, tmp_path, text, words):
-    path = tmp_path / "bad.toml"
-    if text is not None:
-        path.write_text(text)
-    before = exchange.to_spec(bpy.context.scene)
-    with pytest.raises(RuntimeError, match=words):
-        press("load_scene", filepath=str(path))
-    assert exchange.to_spec(bpy.context.scene) == before
-
-
 @pytest.mark.slow
 def test_species_files_are_found_beside_the_scene_file(props, tmp_path):
     (tmp_path / "species").mkdir()

@@ -179,16 +179,11 @@ def changes(case, folder, mine, before):
     return done, {words or case: changed} if changed else {}
 
 
-BEFORE = {}  # snapshots by mode: the scene that is begun with is always the same
-
-
 def begin(again, mode):
     folder = again()
     mine = [(block, f"{type(block).__name__} {block.name_full}") for block in users_work()]
     bpy.ops.object.mode_set(mode=mode)
-    if mode not in BEFORE:
-        BEFORE[mode] = snapshot(mine)
-    return folder, mine, BEFORE[mode]
+    return folder, mine, snapshot(mine)
 
 
 @pytest.mark.slow

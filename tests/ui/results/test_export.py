@@ -48,8 +48,6 @@ def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
     las = laspy.read(path)
     assert len(las) == len(points.data.vertices)
     assert float(las.x.min()) > 900
-    with pytest.raises(RuntimeError, match=r"use \.laz"):
-        press("export_result", result="cloud", filepath=str(tmp_path / "mine.doc"))
 
 
 @pytest.mark.slow
@@ -95,9 +93,6 @@ def test_a_reverb_is_played_as_the_chosen_sound_is_heard(ran, tmp_path):
     assert np.argmax(np.abs(click)) == np.argmax(np.abs(responses[:, 0]))
     ran.dry, ran.dry_file = "FILE", str(tmp_path / "CLAP.wav")
     assert press("play", sensor="reverb") == {"FINISHED"}
-    ran.dry_file = str(tmp_path / "none.wav")
-    with pytest.raises(RuntimeError, match=r"none\.wav: there is no such file"):
-        press("play", sensor="reverb")
 
 
 @pytest.fixture
@@ -386,9 +381,6 @@ def test_points_that_were_deleted_by_hand_are_not_written(ran, tmp_path):
     shape.to_mesh(points.data)
     press("export_result", result="cloud", filepath=str(tmp_path / "less.ply"))
     assert f"element vertex {count - 10}".encode() in (tmp_path / "less.ply").read_bytes()[:3000]
-    bpy.data.objects.remove(points)
-    with pytest.raises(RuntimeError, match="Run its sensor again"):
-        press("export_result", result="cloud", filepath=str(tmp_path / "no.laz"))
 
 
 @pytest.mark.medium

@@ -556,5 +556,3 @@ def test_one_result_is_shown_at_a_time_unless_more_are_asked_for(cloud):
     assert seen() == {"cloud"}
     bpy.ops.forest.show_result(result="echo")
     assert seen() == {"echo"}
-    with pytest.raises(RuntimeError, match="no points"):
-        bpy.ops.forest.show_result(result="forest")

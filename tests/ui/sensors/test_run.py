@@ -45,24 +45,6 @@ def test_points_of_both_lidars_lie_on_the_same_things(ran):
         assert height[organ != 3].min() > -0.05
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "key", "value", "words"),
-    [
-        ("cloud", "azimuth_deg", (90, 10), "from < to"),
-        ("scan", "top", 0.5, r"scan\.top.*above the scanner"),
-        ("echo", "band", (1e5, 3e5), r"echo\.band.*sample_rate"),
-    ],
-)
-def test_a_bad_sensor_is_reported_and_its_last_result_kept(ran, name, key, value, words):
-    before, figures = counts(), facts(ran, name)
-    setattr(settings_of(name), key, value)
-    with pytest.raises(RuntimeError, match=words):
-        run(name)
-    assert counts() == before
-    assert facts(ran, name) == figures
-
-
 def test_a_broken_sensor_does_not_stop_the_others(built, capfd):
     settings_of("echo").band = (1e5, 3e5)  # found before it runs
     bpy.data.objects["reverb"].location.z = -1  # found when it runs
@@ -144,41 +126,18 @@ def test_a_users_file_of_that_name_stays(built, name, file, tmp_path):
     assert built.results[name].file == str(tmp_path / file)
 
 
-@pytest.mark.parametrize(
-    ("output", "said"),
-    [("{}/file/folder", r"Save To.*cannot be made"), ("//results", "save that first")],
-    ids=["below a file", "beside an unsaved file"],
-)
-def test_a_folder_that_cannot_be_is_said_before_the_work(built, tmp_path, output, said):
-    (tmp_path / "file").write_text("x")
-    built.output = output.format(tmp_path)
-    with pytest.raises(RuntimeError, match=said):
+def test_a_folder_beside_an_unsaved_file_is_said_before_the_work(built):
+    built.output = "//results"
+    with pytest.raises(RuntimeError, match="save that first"):
         run("cloud")
     assert clouds() == []
-
-
-def test_a_scanner_without_a_way_is_told_so(built, sensor):
-    track = sensor("mobile").forest_sensor.mobile
-    with pytest.raises(RuntimeError, match="give poses, or the object to follow"):
-        run("track")
-    track.follow = "Nothing"
-    with pytest.raises(RuntimeError, match='no object "Nothing"'):
-        run("track")
 
 
 # -------------------------------------------------------------------------- frame ranges, instances
 
 
-@pytest.mark.medium
-def test_a_frame_range_needs_a_folder(built):
-    """Without one, all but the last frame would be lost."""
-    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 3
-    with pytest.raises(
-        RuntimeError, match=r"Save To.*choose a folder, or Keep.*of 3 frames.*keeps one"
-    ):
-        run("echo", frames="RANGE")
-    assert "echo" not in built.results
-    bpy.context.scene.frame_end = 1
+def test_a_range_of_one_frame_needs_no_folder(built):
+    bpy.context.scene.frame_start = bpy.context.scene.frame_end = 1
     assert run("echo", frames="RANGE") == {"FINISHED"}
 
 
@@ -188,8 +147,6 @@ def test_the_button_for_frames_asks_and_counts_first(built, tmp_path):
     scene.frame_start, scene.frame_end = 1, 2
     asked = partial(_how_many, SimpleNamespace(which="ALL", sensor="echo", keep=False))
     assert asked(scene) == "Choose a folder in Save To, or Keep in File"
-    with pytest.raises(RuntimeError, match="choose a folder"):
-        press("run_frames", sensor="echo")
     built.output = str(tmp_path)
     assert asked(scene).startswith("4 × 2 frames: 8 runs, 2,618 pulses")
     assert press("run_frames", sensor="echo") == {"FINISHED"}
@@ -311,11 +268,6 @@ def test_twice_in_a_row_nothing_piles_up(props):
     bpy.context.scene.frame_set(1)
     bpy.ops.forest.fly(policy="straight")
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == (things, meshes)
-
-
-def test_without_a_flyer_it_says_what_to_do(props):
-    with pytest.raises(RuntimeError, match="no flyer yet; add one"):
-        bpy.ops.forest.fly(policy="gap")
 
 
 # --------------------------------------------------------------------------------------- instruments
