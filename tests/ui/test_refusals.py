@@ -1,10 +1,12 @@
 """What cannot be done is said in words, and nothing is another than before."""
 
+from types import SimpleNamespace
+
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ui.pressing import SENSORS, add_cube, counts, facts, press, settings_of, trees
+from ui.pressing import add_cube, counts, facts, press, settings_of, trees
 
 from forest_addon import spec
 from forest_addon.blender.scene import forest as room
@@ -12,85 +14,77 @@ from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell import running
 
 
-def settle(path, **values):
-    """Change settings: of the scene, of one of its groups or lists, or of a sensor."""
+def as_it_is(_at):
+    pass
 
-    def change(props, _folder, _patch):
-        group = (
-            settings_of(path) if path in SENSORS else props.path_resolve(path) if path else props
-        )
+
+def settle(path, **values):
+    """Change settings: those on the object of a sensor, or a group or the item of a list of the scene's."""
+
+    def change(at):
+        group = settings_of(path) if path in bpy.data.objects else at.props.path_resolve(path)
         for key, value in values.items():
             setattr(group, key, value)
 
     return change
 
 
-def nothing(_props, _folder, _patch):
-    pass
+def scanner(**settings):
+    return lambda _: exchange.add_sensor(bpy.context.scene, spec.Mobile(**settings))
 
 
-def editing(_props, _folder, _patch):
+def scene_file(text):
+    return lambda at: (at.folder / "bad.toml").write_text(text)
+
+
+def without_scipy(at):
+    at.patch.setattr(running, "missing", lambda: ("scipy",))
+
+
+def full_memory(at):
+    def full(*_):
+        raise MemoryError
+
+    at.patch.setattr(room, "ground_mesh", full)
+
+
+def editing(_):
     bpy.context.view_layer.objects.active = add_cube()
     bpy.ops.object.mode_set(mode="EDIT")
 
 
-def without_scipy(_props, _folder, patch):
-    patch.setattr(running, "missing", lambda: ("scipy",))
-
-
-def full_memory(_props, _folder, patch):
-    def full(*_):
-        raise MemoryError
-
-    patch.setattr(room, "ground_mesh", full)
-
-
-def scanner(follow):
-    def add(_props, _folder, _patch):
-        exchange.add_sensor(bpy.context.scene, spec.Mobile(follow=follow))
-
-    return add
-
-
-def excluded(_props, _folder, _patch):
-    bpy.context.view_layer.layer_collection.children["Forest"].exclude = True
-
-
-def names_alike(props, folder, _patch):
-    props.output = str(folder)
-    bpy.data.objects["cloud"].name, bpy.data.objects["echo"].name = "echo.1", "echo-1"
-
-
-def three_frames(_props, _folder, _patch):
-    bpy.context.scene.frame_end = 3
-
-
-def below_a_file(props, folder, _patch):
-    (folder / "file").write_text("x")
-    props.output = str(folder / "file" / "results")
-
-
 def chosen(name):
-    def choose(_props, _folder, _patch):
+    def choose(_):
         bpy.ops.object.select_all(action="DESELECT")
         bpy.context.view_layer.objects.active = bpy.data.objects[name]
 
     return choose
 
 
-def no_plantings(props, _folder, _patch):
-    props.plantings.clear()
+def excluded(_):
+    bpy.context.view_layer.layer_collection.children["Forest"].exclude = True
 
 
-def points_gone(props, _folder, _patch):
-    bpy.data.objects.remove(bpy.data.objects[props.results["cloud"].shown])
+def names_alike(at):
+    at.props.output = str(at.folder)
+    bpy.data.objects["cloud"].name, bpy.data.objects["echo"].name = "echo.1", "echo-1"
 
 
-def scene_file(text):
-    def write(_props, folder, _patch):
-        (folder / "bad.toml").write_text(text)
+def below_a_file(at):
+    (at.folder / "file").write_text("x")
+    at.props.output = str(at.folder / "file" / "results")
 
-    return write
+
+def three_frames(_):
+    bpy.context.scene.frame_end = 3
+
+
+def points_gone(at):
+    bpy.data.objects.remove(bpy.data.objects[at.props.results["cloud"].shown])
+
+
+def dry_file_gone(at):
+    at.props.dry, at.props.dry_file = "FILE", str(at.folder / "none.wav")
 
 
 ANY = {"sensor": "cloud"}
@@ -107,13 +101,13 @@ REFUSED = [
     ("run", {}, editing, "Object Mode"),
     ("run", {}, without_scipy, "scipy is missing"),
     ("run", {}, names_alike, '"echo-1" is taken'),
-    ("run", {"again": True}, nothing, "no result is from before"),
+    ("run", {"again": True}, as_it_is, "no result is from before"),
     ("run", ANY, excluded, "nothing to sense"),
     ("run", ANY, settle("cloud", azimuth_deg=(90, 10)), "from < to"),
     ("run", {"sensor": "scan"}, settle("scan", top=0.5), r"scan\.top.*above the scanner"),
     ("run", {"sensor": "echo"}, settle("echo", band=(1e5, 3e5)), r"echo\.band.*sample_rate"),
-    ("run", {"sensor": "track"}, scanner(""), "give poses, or the object to follow"),
-    ("run", {"sensor": "track"}, scanner("Nothing"), 'no object "Nothing"'),
+    ("run", {"sensor": "track"}, scanner(), "give poses, or the object to follow"),
+    ("run", {"sensor": "track"}, scanner(follow="Nothing"), 'no object "Nothing"'),
     ("run", ANY, below_a_file, r"Save To.*cannot be made"),
     (
         "run",
@@ -124,25 +118,25 @@ REFUSED = [
     ("run_frames", ANY, three_frames, "choose a folder"),
     ("lock_trees", {}, chosen("cloud"), "Select trees of the forest"),
     ("paint", {}, settle("forest.terrain", object="nowhere"), 'no object "nowhere"'),
-    ("paint", {}, no_plantings, "no planting yet"),
+    ("paint", {}, lambda at: at.props.plantings.clear(), "no planting yet"),
     ("grow_again", {}, chosen("cloud"), "no tree of Add"),
-    ("new", {"preset": "baobab"}, nothing, r"There is no scene .baobab."),
-    ("fly", {"policy": "gap"}, nothing, "no flyer yet; add one"),
+    ("new", {"preset": "baobab"}, as_it_is, r"There is no scene .baobab."),
+    ("fly", {"policy": "gap"}, as_it_is, "no flyer yet; add one"),
     ("edit_species", {}, settle("plantings[0]", species="gone.toml"), "there is no such file"),
-    ("save_species", {"filepath": "x.toml"}, nothing, "Press Edit first"),
+    ("save_species", {"filepath": "x.toml"}, as_it_is, "Press Edit first"),
     ("add_source", {}, chosen("cloud"), "Choose a reverb"),
-    ("apply_preset", {"kind": "wind", "values": '{"speed": 400}'}, nothing, "speed"),
-    ("export_result", {"result": "cloud", "filepath": "{}/a.doc"}, nothing, r"use \.laz"),
+    ("apply_preset", {"kind": "wind", "values": '{"speed": 400}'}, as_it_is, "speed"),
+    ("export_result", {"result": "cloud", "filepath": "{}/a.doc"}, as_it_is, r"use \.laz"),
     (
         "export_result",
         {"result": "cloud", "filepath": "{}/a.laz"},
         points_gone,
         "Run its sensor again",
     ),
-    ("play", {"sensor": "reverb"}, settle("", dry="FILE", dry_file="none.wav"), "no such file"),
-    ("show_result", {"result": "forest"}, nothing, "no points"),
+    ("play", {"sensor": "reverb"}, dry_file_gone, r"none\.wav: there is no such file"),
+    ("show_result", {"result": "forest"}, as_it_is, "no points"),
     ("look_through", {}, chosen("reverb"), "no eyes"),
-    ("load_scene", BAD, nothing, "no such file"),
+    ("load_scene", BAD, as_it_is, "no such file"),
     ("load_scene", BAD, scene_file("["), "not TOML"),
     ("load_scene", BAD, scene_file("seed = -1"), "seed"),
     ("load_scene", BAD, scene_file("forrest = 1"), "did you mean"),
@@ -164,7 +158,7 @@ def state(props):
 def test_what_cannot_be_done_is_said_and_changes_nothing(
     ran, tmp_path, monkeypatch, name, given, situation, words
 ):
-    situation(ran, tmp_path, monkeypatch)
+    situation(SimpleNamespace(props=ran, folder=tmp_path, patch=monkeypatch))
     bpy.context.view_layer.update()
     given = {k: v.format(tmp_path) if k == "filepath" else v for k, v in given.items()}
     before, files = state(ran), sorted(tmp_path.rglob("*"))
