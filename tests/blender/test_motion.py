@@ -14,7 +14,7 @@ from forest_addon.blender.sensors.moving import SceneFollower
 from forest_addon.sensing.sonar.station import Equipment, Station
 from forest_addon.sensing.sonar.summation import factors
 
-SPEED, RATE = 3.0, 0.8  # m/s, rad/s
+SPEED, RATE, TILT = 3.0, 0.8, 0.4  # m/s, rad/s, m a metre and second
 FAR = 12.0
 SECONDS = 4
 LAST = 1 + 24 * SECONDS
@@ -46,11 +46,6 @@ def on_plate(result):
     return names[result.found.returns.instance] == "plate"
 
 
-def nearing():
-    """The plate at x = FAR - SPEED t."""
-    keyed(bpy.data.objects["plate"], "location", {1: (FAR, 0, 0), LAST: (FAR - 4 * SPEED, 0, 0)})
-
-
 @pytest.fixture
 def scene(empty_blender):
     scene = bpy.context.scene
@@ -64,35 +59,54 @@ def scene(empty_blender):
     return scene
 
 
-@pytest.mark.medium
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("subrays", [1, 7])
-def test_a_plate_that_nears_is_met_where_it_is(scene, engine, subrays):
-    """Against the closed form: a plate at x = FAR - SPEED t, before a wall that stands."""
-    nearing()
-    beam = forest.Beam(subrays=subrays, divergence_mrad=(0.1, 0.1))
-    result = scan(engine, FAN.changed(beam=beam))
-    cloud = result.found
-    way = ways(cloud)
-    assert len(cloud) == 81 * 41
-    assert cloud.time.max() > 1.0
-    place = FAR - SPEED * cloud.time
-    at = place[:, None] / way[:, :1] * way
-    aside = np.abs(at[:, 1:]).max(axis=1)
-    ours = on_plate(result)
-    sure = np.abs(aside - 1) > 0.01  # beams over its edge have two echoes
-    assert np.array_equal(ours[sure], (aside < 1)[sure])
-    expected = np.where(ours, place, 40.0) / way[:, 0]
-    off = np.abs(cloud.true_range - expected)[sure]
-    assert off.max() < 1e-6 if subrays == 1 else off.max() < 1e-4
-    assert np.allclose(result.motion["velocity"][ours], (-SPEED, 0, 0), rtol=1e-5)
-    assert not result.motion["velocity"][~ours].any()
-    assert np.allclose(result.motion["rest"][ours, 0], FAR, atol=1e-4)
-    assert np.array_equal(result.motion["rest"][~ours], cloud.position[~ours]) or subrays > 1
-    assert result.audit.kept
-    assert result.audit.checked > 20
-    assert "%" in result.summary()["pulses that met something moving"]
-    assert bpy.context.scene.frame_current == 1
+# How a plate moves. Each gives a closed form: the metres along rays to its plane at their times, where it has
+# what they meet at rest, its normal there and its velocity.
+
+
+def nearing(plate):
+    """At x = FAR - SPEED t."""
+    keyed(plate, "location", {1: (FAR, 0, 0), LAST: (FAR - 4 * SPEED, 0, 0)})
+
+    def told(way, time):
+        distance = (FAR - SPEED * time) / way[:, 0]
+        along = np.tile([1.0, 0, 0], (len(way), 1))
+        return (
+            distance,
+            distance[:, None] * way + SPEED * time[:, None] * along,
+            along,
+            -SPEED * along,
+        )
+
+    return told
+
+
+def tilted(plate):
+    """A shape key by which x = FAR + TILT t y; the plate's local z is the world's x, its y the world's."""
+    plate.shape_key_add(name="Basis")
+    key = plate.shape_key_add(name="tilted")
+    for point in key.data:
+        point.co.z += TILT * SECONDS * point.co.y
+    keyed(key, "value", {1: 0.0, LAST: 1.0})
+
+    def told(way, time):
+        tilt = TILT * time
+        distance = FAR / (way[:, 0] - tilt * way[:, 1])
+        _, y, z = (distance[:, None] * way).T
+        normal = np.column_stack([np.ones(len(y)), -tilt, 0 * y]) / np.hypot(1, tilt)[:, None]
+        rest = np.column_stack([np.full(len(y), FAR), y, z])
+        return distance, rest, normal, np.column_stack([TILT * y, 0 * y, 0 * y])
+
+    return told
+
+
+def turning(way, time):
+    """Of a plate that turns about a vertical axis in its middle."""
+    cos, sin = np.cos(RATE * time), np.sin(RATE * time)
+    normal = np.column_stack([cos, sin, 0 * cos])
+    distance = FAR * cos / (way * normal).sum(axis=1)
+    arm = distance[:, None] * way - (FAR, 0, 0)
+    rest = np.column_stack([np.full(len(arm), FAR), cos * arm[:, 1] - sin * arm[:, 0], arm[:, 2]])
+    return distance, rest, normal, np.cross((0, 0, RATE), arm)
 
 
 def on_a_hub(plate):
@@ -100,6 +114,7 @@ def on_a_hub(plate):
     bpy.ops.object.empty_add(location=(FAR, 0, 0))
     plate.parent, plate.location = bpy.context.object, (0, 0, 0)
     keyed(plate.parent, "rotation_euler", {1: (0, 0, 0), LAST: (0, 0, RATE * SECONDS)})
+    return turning
 
 
 def on_a_bone(plate):
@@ -111,43 +126,55 @@ def on_a_bone(plate):
     bone = frame.pose.bones["Bone"]
     bone.rotation_mode = "XYZ"  # the bone's own Y is the world's Z
     keyed(bone, "rotation_euler", {1: (0, 0, 0), LAST: (0, RATE * SECONDS, 0)})
+    return turning
 
 
 @pytest.mark.medium
 @pytest.mark.parametrize(
-    ("carried", "engine", "least", "most", "loose"),
+    ("moves", "engine", "subrays", "most", "loose"),
     [
-        (on_a_hub, "auto", 0.0, 2e-5, 1e-3),
-        *((on_a_bone, engine, 1e-7, 3e-4, 0.02) for engine in ENGINES),
+        *((nearing, engine, 1, 1e-6, 1e-5) for engine in ENGINES),
+        *((nearing, engine, 7, 1e-4, 1e-5) for engine in ENGINES),
+        *((tilted, engine, 1, 2e-6, 1e-4) for engine in ENGINES),  # single precision of keys
+        (on_a_hub, "auto", 1, 2e-5, 1e-3),
+        *((on_a_bone, engine, 1, 3e-4, 0.02) for engine in ENGINES),
     ],
 )
-def test_a_plate_that_is_carried_round_is_met_as_it_turns(
-    scene, carried, engine, least, most, loose
-):
-    """least, most : what ranges are off, along the rays. loose : share that speeds and normals may be off."""
-    plate = bpy.data.objects["plate"]
-    plate.rotation_euler = (0, math.pi / 2, 0)
-    carried(plate)
+def test_a_plate_that_moves_is_met_where_it_is(scene, moves, engine, subrays, most, loose):
+    """Before a wall that stands. most : what ranges may be off. loose : share that speeds may be."""
+    told = moves(bpy.data.objects["plate"])
     scene.frame_set(1)
-    result = scan(engine)
+    beam = forest.Beam(subrays=subrays, divergence_mrad=(0.1, 0.1))
+    result = scan(engine, FAN.changed(beam=beam))
     cloud, way, mine = result.found, ways(result.found), on_plate(result)
-    turn = RATE * cloud.time
-    normal = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
-    expected = FAR * normal[:, 0] / (way * normal).sum(axis=1)
-    assert mine.sum() > 100
-    assert least <= np.abs(cloud.true_range - expected)[mine].max() < most
+    assert len(cloud) == 81 * 41
+    assert cloud.time.max() > 1.0
+    distance, rest, normal, velocity = told(way, cloud.time)
+    aside = np.abs(rest[:, 1:]).max(axis=1)
+    sure = np.abs(aside - 1) > 0.01  # beams over its edge have two echoes
+    assert np.array_equal(mine[sure], (aside < 1)[sure])
+    assert mine.sum() > 200
+    expected = np.where(mine, distance, 40.0 / way[:, 0])
+    assert np.abs(cloud.true_range - expected)[sure].max() < most
     facing = np.abs((cloud.returns.normal * normal).sum(axis=1))
     assert np.allclose(facing[mine], 1, atol=1e-3 * loose)
-    spin = np.cross((0, 0, RATE), cloud.position[mine] - (FAR, 0, 0))
-    assert np.allclose(result.motion["velocity"][mine], spin, rtol=loose, atol=loose)
+    motion = result.motion
+    assert np.allclose(motion["velocity"][mine], velocity[mine], rtol=loose, atol=loose)
+    assert not motion["velocity"][~mine].any()
+    assert np.allclose(motion["rest"][mine & sure], rest[mine & sure], atol=max(1e-4, 2 * most))
+    assert np.array_equal(motion["rest"][~mine], cloud.position[~mine]) or subrays > 1
     assert result.audit.kept
+    assert result.audit.checked > 20
+    assert "%" in result.summary()["pulses that met something moving"]
+    assert not any("off between frames" in words for words in result.warnings)
+    assert bpy.context.scene.frame_current == 1
 
 
 @pytest.mark.parametrize("keyed", [False, True])
 def test_a_scene_that_stands_still_is_scanned_as_before(scene, keyed):
     """Also with a shape key that is there and never used: evaluated anew at every frame, always the same."""
     if keyed:
-        tilted()
+        tilted(bpy.data.objects["plate"])
         shapes = bpy.data.objects["plate"].data.shape_keys
         shapes.animation_data_clear()
         shapes.key_blocks[1].value = 0.0
@@ -161,7 +188,7 @@ def test_a_scene_that_stands_still_is_scanned_as_before(scene, keyed):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_nothing_but_what_moves(scene, engine):
     bpy.data.objects.remove(bpy.data.objects["wall"])
-    nearing()
+    nearing(bpy.data.objects["plate"])
     cloud = scan(engine)
     assert 100 < len(cloud) < 81 * 41
     assert cloud.audit.kept
@@ -179,7 +206,7 @@ def test_what_appears_meanwhile_is_refused_in_words(scene):
 
 
 def test_a_large_scan_goes_to_a_file_as_it_moves(scene, tmp_path):
-    nearing()
+    nearing(bpy.data.objects["plate"])
     world = forest.current()
     cloud = world.scan(FAN)
     done = world.scan_to(tmp_path / "moving.npz", FAN)
@@ -344,45 +371,6 @@ def test_the_audit_follows_a_call_in_pieces(scene):
 
 # ------------------------------------------------------------------------------------------- bending
 # Scans of what changes its shape, comes and goes: closed forms through Blender.
-
-TILT = 0.4  # m a metre and second
-
-
-def tilted():
-    """The plate's shape key by which x = FAR + TILT t y; its local z is the world's x, its y the world's."""
-    plate = bpy.data.objects["plate"]
-    plate.shape_key_add(name="Basis")
-    key = plate.shape_key_add(name="tilted")
-    for point in key.data:
-        point.co.z += TILT * SECONDS * point.co.y
-    keyed(key, "value", {1: 0.0, LAST: 1.0})
-
-
-@pytest.mark.medium
-@pytest.mark.parametrize("engine", ENGINES)
-def test_a_plate_that_a_shape_key_tilts_is_met_as_it_is(scene, engine):
-    tilted()
-    scene.frame_set(1)
-    result = scan(engine)
-    cloud, way, mine = result.found, ways(result.found), on_plate(result)
-    expected = FAR / (way[:, 0] - TILT * cloud.time * way[:, 1])
-    y = expected * way[:, 1]
-    sure = (np.abs(np.abs(y) - 1) > 0.01) & (np.abs(np.abs(expected * way[:, 2]) - 1) > 0.01)
-    inside = (np.abs(y) < 1) & (np.abs(expected * way[:, 2]) < 1)
-    assert np.array_equal(mine[sure], inside[sure])
-    assert mine.sum() > 300
-    assert np.abs(cloud.true_range - expected)[mine & sure].max() < 2e-6  # single precision of keys
-    tilt = TILT * cloud.time[mine]
-    normal = np.column_stack([np.ones(len(tilt)), -tilt, 0 * tilt]) / np.hypot(1, tilt)[:, None]
-    along = np.abs((cloud.returns.normal[mine] * normal).sum(axis=1))
-    assert np.allclose(along, 1, atol=1e-6)
-    speed = np.column_stack([TILT * y, 0 * y, 0 * y])[mine]
-    assert np.allclose(result.motion["velocity"][mine], speed, rtol=1e-4, atol=1e-5)
-    rest = np.column_stack([np.full(len(y), FAR), y, expected * way[:, 2]])[mine]
-    assert np.allclose(result.motion["rest"][mine], rest, atol=1e-4)
-    assert result.audit.kept
-    assert result.audit.checked > 20
-    assert not any("off between frames" in words for words in result.warnings)
 
 
 @pytest.mark.slow
