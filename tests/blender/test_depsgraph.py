@@ -327,37 +327,25 @@ def test_an_ignored_object_is_not_seen_and_casts_no_instances(empty_blender):
     assert len(read()) == 0
 
 
-def of_two_materials(said, **keys):
-    """An object "m" with a plain face and one of a material that says something."""
-    obj = add(quad(0, WOOD), "m", **keys)
-    for name, values in (("plain", {}), ("other", said)):
-        material = bpy.data.materials.new(name)
-        for key, value in values.items():
-            material[key] = value
-        obj.data.materials.append(material)
-    obj.data.polygons[1].material_index = 1
-
-
-def test_optics_of_material_then_object(empty_blender):
-    of_two_materials({"forest_optics": "glass", "forest_index": 1.6}, forest_optics="mirror")
+def test_optics_and_reflectance_of_material_then_object_then_scanner(empty_blender):
+    """One face of "m" is of a material that says something; "b" says it itself, "n" nothing."""
+    m = add(quad(0, WOOD), "m", forest_optics="mirror", **{REFLECTANCE_KEY: 0.2})
+    for name in ("plain", "other"):
+        m.data.materials.append(bpy.data.materials.new(name))
+    other = m.data.materials[1]
+    other["forest_optics"], other["forest_index"], other[REFLECTANCE_KEY] = "glass", 1.6, 0.45
+    m.data.polygons[1].material_index = 1
     with_nodes(add(quad(1, WOOD), "b", forest_optics="water"), row(3, (1, 0, 0)))
-    scene = read()
-    name = np.array(scene.object_name)[scene.object_index]
-    m, b = np.flatnonzero(name == "m")[0], np.flatnonzero(name == "b")[-1]
-    found = scene.optics_at(np.array([m, m, b, -1]), np.array([0, 1, 0, -1]))
-    assert found[:, :2] == pytest.approx(
-        np.array([[0, np.nan], [1, 1.6], [2, np.nan], [np.nan, np.nan]]), nan_ok=True
-    )
-
-
-def test_reflectance_of_material_then_object_then_scanner(empty_blender):
-    of_two_materials({REFLECTANCE_KEY: 0.45}, **{REFLECTANCE_KEY: 0.2})
     add(quad(5, WOOD), "n")
     scene = read()
-    first = scene.object_name.index("m")
-    m, n = (np.flatnonzero(scene.object_index == k)[0] for k in (first, 1 - first))
-    found = scene.reflectance_at(np.array([m, m, n, -1]), np.array([0, 1, 0, -1]), 0.5)
-    assert found.tolist() == [0.2, 0.45, 0.5, 0.5]
+    name = np.array(scene.object_name)[scene.object_index]
+    m, b, n = (np.flatnonzero(name == one)[-1] for one in "mbn")
+    hits, faces = np.array([m, m, b, n, -1]), np.array([0, 1, 0, 0, -1])
+    nothing = [np.nan, np.nan]
+    assert scene.optics_at(hits, faces)[:, :2] == pytest.approx(
+        np.array([[0, np.nan], [1, 1.6], [2, np.nan], nothing, nothing]), nan_ok=True
+    )
+    assert scene.reflectance_at(hits, faces, 0.5).tolist() == [0.2, 0.45, 0.5, 0.5, 0.5]
 
 
 def changes(obj):

@@ -252,13 +252,21 @@ def folder(tmp_path: Path) -> Path:
         obj = link(name, mesh)
         obj.location.x = 2.0
     bpy.context.view_layer.update()
-    bpy.ops.wm.obj_export(filepath=str(tmp_path / "tree.obj"))
-    bpy.ops.wm.ply_export(filepath=str(tmp_path / "tree.ply"))
-    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "tree.glb"))
-    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "tree.gltf"), export_format="GLTF_SEPARATE")
-    packed = {"filepath": str(tmp_path / "tree.draco.glb")}
-    bpy.ops.export_scene.gltf(**packed, export_draco_mesh_compression_enable=True)
+    for name in ("tree.obj", "tree.ply", "tree.glb"):
+        write(tmp_path / name)
+    write(tmp_path / "tree.gltf", export_format="GLTF_SEPARATE")
+    write(tmp_path / "tree.draco.glb", export_draco_mesh_compression_enable=True)
     return tmp_path
+
+
+def write(file: Path, **how) -> None:
+    """Have Blender write its scene in the format of a file."""
+    if file.suffix == ".blend":
+        bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    elif file.suffix in (".glb", ".gltf"):
+        bpy.ops.export_scene.gltf(filepath=str(file), **how)
+    else:
+        getattr(bpy.ops.wm, f"{file.suffix[1:4]}_export")(filepath=str(file), **how)
 
 
 @pytest.mark.medium
@@ -396,16 +404,12 @@ def test_scenes_of_every_format_open_in_metres_and_z_up(empty_blender, tmp_path,
     size = 100.0 if ending == ".blend" else 1.0
     bpy.ops.mesh.primitive_cube_add(size=size, location=np.array([4.5, 6, 1.5]) * size)
     bpy.context.object.scale = (1, 2, 3)
-    file = str(tmp_path / f"a{ending}")
+    file = tmp_path / f"a{ending}"
     if ending == ".blend":
         bpy.context.scene.unit_settings.scale_length = 0.01
-        bpy.ops.wm.save_as_mainfile(filepath=file)
-    elif ending == ".glb":
-        bpy.ops.export_scene.gltf(filepath=file)
-    else:
-        getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=file)
+    write(file)
     empty_file()
-    open_file(Path(file))
+    open_file(file)
     boxes = [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]
     corners = [boxes[0].matrix_world @ Vector(corner) for corner in boxes[0].bound_box]
     assert np.min(corners, axis=0) == pytest.approx([4, 5, 0], abs=1e-5)
@@ -438,18 +442,15 @@ def test_a_mesh_at_map_coordinates_is_refused_at_both_doors(empty_blender, tmp_p
             obj.data.transform(Matrix.Translation(far))
         else:
             obj.location += far
-    file = str(tmp_path / f"a{ending}")
-    if ending == ".glb":
-        bpy.ops.export_scene.gltf(filepath=file)
-    else:
-        getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=file)
+    file = tmp_path / f"a{ending}"
+    write(file)
     doors = [open_file, *([read_groups] if ending in AS_WRITTEN and how == "place" else [])]
     for door in doors:
         empty_file()
         with pytest.raises(
             SpecError, match=rf"a\{ending}: lies at map .* steps of 0\.5: its shape"
         ):
-            door(Path(file))
+            door(file)
     empty_file()
 
 
@@ -469,11 +470,9 @@ def test_corners_that_are_no_numbers_are_refused_at_both_doors(
     bpy.ops.mesh.primitive_ico_sphere_add(radius=2)
     bpy.context.object.data.vertices[3].co = (7.125, 7.125, 7.125)
     file = tmp_path / f"a{ending}"
-    if ending in (".glb", ".gltf"):
-        bpy.ops.export_scene.gltf(filepath=str(file), **how)
-    else:
-        getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=str(file), **how)
-    for door in [open_file, *([read_groups] if ending in AS_WRITTEN else [])]:
+    write(file, **how)
+    doors = [open_file, *([read_groups] if ending in AS_WRITTEN else [])]
+    for door in doors:
         empty_file()
         door(file)
     for stored in tmp_path.iterdir():
@@ -481,7 +480,7 @@ def test_corners_that_are_no_numbers_are_refused_at_both_doors(
         if how.get("ascii_format") or ending in (".usda", ".obj"):
             raw = re.sub(rb"7\.1250*", b"nan", raw)
         stored.write_bytes(raw)
-    for door in [open_file, *([read_groups] if ending in AS_WRITTEN else [])]:
+    for door in doors:
         empty_file()
         with pytest.raises(SpecError, match=rf"a\{ending}.* (NaN|no numbers|finite number)"):
             door(file)

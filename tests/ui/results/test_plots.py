@@ -164,20 +164,28 @@ def test_ticks_are_round_and_few(low, high, most, expected):
     assert found == pytest.approx(expected)
 
 
+def seen_in(image):
+    """(H, W, 4) pixels, the lowest row first."""
+    wide, high = image.size
+    pixels = np.empty((high, wide, 4), dtype=np.float32)
+    image.pixels.foreach_get(pixels.ravel())
+    return pixels
+
+
+def assert_drawn(plot, image):
+    """The lowest strip is there pixel by pixel."""
+    lowest = plot.strips[0].pixels
+    high, wide, _ = lowest.shape
+    drawn = seen_in(image)[images.BELOW : images.BELOW + high, images.LEFT : images.LEFT + wide]
+    assert np.abs(drawn[..., :3] - lowest).max() < 1 / 254
+
+
 def test_axes_are_written_and_the_strips_are_as_drawn():
     plot = plots.sound_plot(tone(20e3, 0.0, 0.1), RATE)
     image = images.show("with axes", plot)
-    wide, high = image.size
-    pixels = np.empty(wide * high * 4, dtype=np.float32)
-    image.pixels.foreach_get(pixels)
-    pixels = pixels.reshape(high, wide, 4)
-    below = pixels[: images.BELOW - images.TICK, images.LEFT :, 0]
+    below = seen_in(image)[: images.BELOW - images.TICK, images.LEFT :, 0]
     assert (below > 0.5).sum() > 200  # ink of the numbers and of "ms"
-    lowest = plot.strips[0].pixels
-    drawn = pixels[
-        images.BELOW : images.BELOW + len(lowest), images.LEFT : images.LEFT + lowest.shape[1]
-    ]
-    assert np.abs(drawn[..., :3] - lowest).max() < 1 / 254
+    assert_drawn(plot, image)
     assert image.preview.image_size[:] == (images.ICON, images.ICON)
     assert image.packed_file is not None
 
@@ -190,12 +198,7 @@ def test_a_picture_of_another_size_is_drawn_into_the_first():
     again = images.show("again", flat)
     assert again == first  # editors go on showing it
     assert len(bpy.data.images) == before
-    pixels = np.empty((again.size[1], again.size[0], 4), dtype=np.float32)
-    again.pixels.foreach_get(pixels.ravel())
-    drawn = flat.strips[0].pixels
-    high, wide, _ = drawn.shape
-    part = pixels[images.BELOW : images.BELOW + high, images.LEFT : images.LEFT + wide, :3]
-    assert np.abs(part - drawn).max() < 1 / 254
+    assert_drawn(flat, again)
 
 
 @pytest.mark.medium
