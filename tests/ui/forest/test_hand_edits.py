@@ -392,15 +392,6 @@ def test_the_button_gives_the_brush_and_takes_it_back(painting):
         press("paint")
 
 
-def test_the_canvas_covers_the_field_at_its_height(painting):
-    painting.forest.terrain.base = 3.0
-    press("paint")
-    places = vertices()
-    assert len(places) == (CELLS + 1) ** 2
-    assert places.min(axis=0) == pytest.approx((-2, 1, 3 + LIFT))
-    assert places.max(axis=0) == pytest.approx((18, 11, 3 + LIFT))
-
-
 def test_the_canvas_lies_on_a_terrain_and_beyond_it_at_its_base(painting):
     add_mesh("slope", [(-9, -9, 0), (8, -9, 8.5), (8, 20, 8.5), (-9, 20, 0)], (0, 1, 2, 3))
     painting.forest.terrain.object = "slope"
@@ -432,8 +423,13 @@ def test_neither_sensors_nor_renders_see_the_canvas(painting):
     assert canvas().hide_render
 
 
-def test_pressed_again_the_same_canvas_follows_the_field(painting):
+def test_the_canvas_covers_the_field_at_its_height_and_follows_it(painting):
+    painting.forest.terrain.base = 3.0
     press("paint")
+    places = vertices()
+    assert len(places) == (CELLS + 1) ** 2
+    assert places.min(axis=0) == pytest.approx((-2, 1, 3 + LIFT))
+    assert places.max(axis=0) == pytest.approx((18, 11, 3 + LIFT))
     weigh("hazelnut", lambda x, _: x > 10)
     press("paint")
     painting.forest.size = (4, 4)

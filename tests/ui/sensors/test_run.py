@@ -229,19 +229,13 @@ def trail():
     return next(t for t in bpy.data.objects if t.name.endswith("trail"))
 
 
-def test_a_flyer_stands_with_its_sensors(props):
-    bpy.context.scene.cursor.location = (1.0, 2.0, 0.0)
-    bpy.ops.forest.add_flight()
-    flyer = bpy.data.objects["Flyer"]
-    assert tuple(flyer.location) == (1.0, 2.0, 2.0)
-    assert {obj.name for obj in sensors_of(bpy.context.scene)} == {"Flyer lidar", "Flyer sonar"}
-    assert {s.follow for s in to_spec(bpy.context.scene).sensors} == {"Flyer"}
-
-
 def test_it_flies_around_what_stands_there_and_is_animated(props):
     wall(5.0)
     bpy.ops.forest.add_flight()
     flyer = bpy.data.objects["Flyer"]
+    assert tuple(flyer.location) == (0.0, 0.0, 2.0)
+    assert {obj.name for obj in sensors_of(bpy.context.scene)} == {"Flyer lidar", "Flyer sonar"}
+    assert {s.follow for s in to_spec(bpy.context.scene).sensors} == {"Flyer"}
     props.flight.distance = 10.0
     assert bpy.ops.forest.fly(policy="gap") == {"FINISHED"}
     scene = bpy.context.scene
