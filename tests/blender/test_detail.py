@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from references.rays import scene_with
 from scipy.spatial import ConvexHull
 
 from forest_addon.base.rng import stream
@@ -16,7 +17,6 @@ from forest_addon.growth.tree import grow
 from forest_addon.sensing.detail import BOUND, COARSE, SHARE, grow_needed
 from forest_addon.sensing.lidar.kind import look_of_terrestrial
 from forest_addon.sensing.looks import loudness
-from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import (
     Accuracy,
     Beam,
@@ -44,11 +44,13 @@ def far_trees(forest):
     return forest.stand.variant >= COARSE
 
 
+def caster_of(tree):
+    return make_caster(scene_with(tree.mesh), Rays(threads=1))
+
+
 def hidden_and_gap(tree, like):
     """(5,) m² that a tree hides and (5,) gap fractions within the hull of the leaves of ``like``."""
-    one = np.zeros(1, dtype=np.int64)
-    scene = SceneGeometry((tree.mesh,), np.eye(4)[None, :3], one, ("tree",), one, one)
-    caster = make_caster(scene, Rays(threads=1))
+    caster = caster_of(tree)
     middle, reach = np.array([0.0, 0.0, TREE.height / 2]), 0.6 * TREE.height
     found = []
     for number, way in enumerate(WAYS / np.linalg.norm(WAYS, axis=1, keepdims=True)):
@@ -160,14 +162,7 @@ def shifts(full, coarse):
         place = pair[0].leaves.centre[rng.integers(0, len(pair[0].leaves), 1500)]
         turn = rng.uniform(0, 2 * np.pi, 1500)
         ways = np.stack([np.cos(turn), np.sin(turn), np.zeros(1500)], axis=1)
-        one = np.zeros(1, dtype=np.int64)
-        hits = [
-            make_caster(
-                SceneGeometry((tree.mesh,), np.eye(4)[None, :3], one, ("tree",), one, one),
-                Rays(threads=1),
-            ).cast(place - 30.0 * ways, ways)
-            for tree in pair
-        ]
+        hits = [caster_of(tree).cast(place - 30.0 * ways, ways) for tree in pair]
         both = hits[0].found & hits[1].found
         found.append(np.abs(hits[0].distance[both] - hits[1].distance[both]))
     return np.concatenate(found)
