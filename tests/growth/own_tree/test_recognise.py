@@ -25,41 +25,47 @@ A, B, C, D = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]
 SQUARE = np.array([[A, B, C], [A, C, D]])
 
 
-def test_two_facets_with_an_edge_in_common_are_one_piece() -> None:
+FAR = SQUARE + np.array([5.0, 0.0, 0.0])
+TOUCHING = np.concatenate([SQUARE, SQUARE + np.array([1.0, 1.0, 0.0])])
+AMONG = np.stack([FAR[0], SQUARE[0], FAR[1], SQUARE[1]])
+REPEATS = np.concatenate([SQUARE, SQUARE[:, ::-1], SQUARE[:, [1, 2, 0]], SQUARE])
+FLAT = np.array([[A, A, A], [A, B, A], [A, [0.5, 0.0, 0.0], B], [A, [0.3, 1e-9, 0.0], B]])
+
+
+@pytest.mark.parametrize(
+    ("facets", "kept", "piece"),
+    [
+        (SQUARE, SQUARE, [0, 0]),
+        (TOUCHING, TOUCHING, [0, 0, 1, 1]),
+        (AMONG, AMONG, [0, 1, 0, 1]),
+        (REPEATS, SQUARE, [0, 0]),
+        (np.concatenate([FLAT, SQUARE]), SQUARE, [0, 0]),
+        (FLAT, FLAT[:0], []),
+        (FLAT[:0], FLAT[:0], []),
+    ],
+    ids=[
+        "edge in common",
+        "point in common",
+        "as the file shows",
+        "twice",
+        "no area",
+        "flat",
+        "none",
+    ],
+)
+def test_what_hangs_together_by_edges_is_a_piece_and_no_vertex_is_of_two(facets, kept, piece):
+    found = part(facets)
+    assert found.piece.tolist() == piece
+    np.testing.assert_array_equal(found.vertices[found.triangles], kept)
+    owners = found.piece_of_vertex[found.triangles]
+    np.testing.assert_array_equal(owners, np.stack([found.piece] * 3, axis=1))
+
+
+def test_edges_of_a_piece_are_those_of_its_facets() -> None:
     pieces = part(SQUARE)
-    assert pieces.count == 1
     assert len(pieces.vertices) == 4
-    np.testing.assert_array_equal(pieces.vertices[pieces.triangles], SQUARE)
     lengths = np.linalg.norm(np.diff(pieces.vertices[pieces.edges], axis=1)[:, 0], axis=1)
     np.testing.assert_allclose(np.sort(lengths), [1, 1, 1, 1, np.sqrt(2)])
-
-
-def test_pieces_that_touch_at_a_point_stay_apart_and_share_no_vertex() -> None:
-    pieces = part(np.concatenate([SQUARE, SQUARE + np.array([1.0, 1.0, 0.0])]))
-    assert pieces.count == 2
-    np.testing.assert_array_equal(pieces.piece, [0, 0, 1, 1])
-    assert len(pieces.vertices) == 8
-    owners = pieces.piece_of_vertex[pieces.triangles]
-    np.testing.assert_array_equal(owners, np.stack([pieces.piece] * 3, axis=1))
-
-
-def test_pieces_are_numbered_as_the_file_shows_them() -> None:
-    far = SQUARE + np.array([5.0, 0.0, 0.0])
-    pieces = part(np.stack([far[0], SQUARE[0], far[1], SQUARE[1]]))
-    np.testing.assert_array_equal(pieces.piece, [0, 1, 0, 1])
-
-
-def test_repeats_are_dropped_whichever_way_round() -> None:
-    repeats = np.concatenate([SQUARE, SQUARE[:, ::-1], SQUARE[:, [1, 2, 0]], SQUARE])
-    np.testing.assert_array_equal(part(repeats).triangles, part(SQUARE).triangles)
-
-
-def test_facets_of_no_area_are_dropped() -> None:
-    flat = np.array([[A, A, A], [A, B, A], [A, [0.5, 0.0, 0.0], B], [A, [0.3, 1e-9, 0.0], B]])
-    pieces = part(np.concatenate([flat, SQUARE]))
-    np.testing.assert_array_equal(pieces.vertices[pieces.triangles], SQUARE)
-    assert part(flat).count == 0
-    assert part(np.empty((0, 3, 3))).count == 0
 
 
 def test_a_needle_that_closes_a_crack_joins_what_it_lies_between() -> None:

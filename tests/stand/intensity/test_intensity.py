@@ -174,22 +174,56 @@ def test_the_preset_has_the_hills_of_the_example():
     assert value == pytest.approx(0.4 * np.exp(-1 / 5 - 4 / 6), rel=1e-9)
 
 
-@pytest.mark.parametrize(("bad", "said"), [(np.nan, "nan"), (-0.5, "-0.5"), (np.inf, "inf")])
-def test_pixels_that_are_no_intensity_are_refused_with_their_place(bad, said):
-    pixels = np.ones((4, 6))
-    pixels[1, 4] = bad
-    with pytest.raises(IntensityError, match=rf"row 1, column 4 .* is {said}.*1 of 24"):
-        functions.RasterIntensity(pixels, LOW, SIZE, "d.png")
+def spoiled(shape, place, value):
+    """Ones, but in one place."""
+    pixels = np.ones(shape)
+    pixels[place] = value
+    return pixels
 
 
-def test_weights_that_are_no_intensity_are_refused_with_their_place():
+def painted(weight=1.0, stretch=(1, 1, 1)):
+    """The painted mesh with another weight of a vertex, or drawn out."""
     mesh = painted_mesh()
-    weight = mesh.weight.copy()
-    weight[17] = -1
-    with pytest.raises(IntensityError, match="vertex 17"):
-        functions.PaintedMesh(Painted(mesh.vertices, mesh.triangles, weight), 1.0)
-    with pytest.raises(IntensityError, match="no area"):
-        functions.PaintedMesh(Painted(mesh.vertices * [1, 0, 1], mesh.triangles, mesh.weight), 1.0)
+    mesh.weight[17] = weight
+    return functions.PaintedMesh(Painted(mesh.vertices * stretch, mesh.triangles, mesh.weight), 1.0)
+
+
+SQUARE = [[0, 0], [9, 0], [9, 9], [0, 9]]
+UPRIGHT = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1.0]])
+REFUSED = [
+    *(
+        (
+            lambda bad=bad: functions.RasterIntensity(spoiled((4, 6), (1, 4), bad), LOW, SIZE, "d"),
+            rf"row 1, column 4 .* is {bad:g}.*1 of 24",
+        )
+        for bad in (np.nan, -0.5, np.inf)
+    ),
+    (lambda: painted(weight=-1), "vertex 17"),
+    (lambda: painted(stretch=(1, 0, 1)), "no area"),
+    (lambda: Heightmap(spoiled((3, 4), (2, 1), np.inf), LOW, SIZE, "h"), "row 2, column 1 .*inf"),
+    (lambda: Triangulated(UPRIGHT, np.array([[0, 1, 2]])), "no area from above"),
+    (lambda: Triangulated(UPRIGHT * [1, np.nan, 1], np.array([[0, 1, 2]])), "not finite"),
+    *(
+        (lambda corners=corners, holes=holes: Polygon(corners, holes), said)
+        for corners, holes, said in (
+            ([[0, 0], [5, 0], [10, 0]], [], "no area"),
+            ([[0, 0], [5, 5]], [], "no area"),
+            ([[1, 1]] * 4, [], "no area"),
+            ([[0, 0], [10, 10], [10, 0], [0, 9]], [], "cross"),
+            ([[0, 0], [10, 0], [10, 10], [5, 0], [0, 10]], [], "cross or touch"),  # its base
+            ([[0, 0], [10, 0], [4, 0], [4, 5]], [], "cross"),  # folds back over itself
+            (SQUARE, [[[8, 8], [10, 8], [10, 10]]], "cross"),
+            (SQUARE, [[[20, 20], [22, 20], [22, 22]]], "within the outline"),
+            ([[0, 0], [9, 0], [9, np.nan]], [], "not finite"),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("make", "said"), REFUSED)
+def test_what_is_no_intensity_no_polygon_and_no_ground_is_refused(make, said):
+    with pytest.raises(ValueError, match=said):  # IntensityError is one
+        make()
 
 
 def test_painted_weights_are_barycentric_and_of_the_topmost_triangle():
@@ -227,25 +261,6 @@ def test_area_of_a_polygon_within_a_rectangle():
     far = Polygon(STAR + LOW, [np.array(HOLE) + LOW])
     near = Polygon(STAR, [HOLE]).closed_integral(*everywhere)
     assert far.closed_integral(*everywhere) == pytest.approx(near, rel=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("corners", "holes", "said"),
-    [
-        ([[0, 0], [5, 0], [10, 0]], [], "no area"),
-        ([[0, 0], [5, 5]], [], "no area"),
-        ([[1, 1]] * 4, [], "no area"),
-        ([[0, 0], [10, 10], [10, 0], [0, 9]], [], "cross"),
-        ([[0, 0], [10, 0], [10, 10], [5, 0], [0, 10]], [], "cross or touch"),  # touches its base
-        ([[0, 0], [10, 0], [4, 0], [4, 5]], [], "cross"),  # folds back over itself
-        ([[0, 0], [9, 0], [9, 9], [0, 9]], [[[8, 8], [10, 8], [10, 10]]], "cross"),
-        ([[0, 0], [9, 0], [9, 9], [0, 9]], [[[20, 20], [22, 20], [22, 22]]], "within the outline"),
-        ([[0, 0], [9, 0], [9, np.nan]], [], "not finite"),
-    ],
-)
-def test_polygons_that_are_none_are_refused(corners, holes, said):
-    with pytest.raises(IntensityError, match=said):
-        Polygon(corners, holes)
 
 
 # -------------------------------------------------------------------------------------- settings
@@ -374,13 +389,6 @@ def test_there_is_no_ground_beyond_a_map():
     assert np.isnan(plane().gradient(points)[:, 0]).tolist() == [True, True, False]
 
 
-def test_a_height_that_is_no_number_is_refused_with_its_place():
-    pixels = np.zeros((3, 4))
-    pixels[2, 1] = np.inf
-    with pytest.raises(IntensityError, match=r"row 2, column 1 .*inf"):
-        Heightmap(pixels, LOW, SIZE, "h.tif")
-
-
 def test_the_triangles_shown_meet_the_map_at_its_nodes():
     ground = Heightmap(stream(2, "hill").random((7, 9)), LOW, SIZE, "hill")
     vertices, triangles = ground.triangles()
@@ -441,13 +449,6 @@ def test_no_gap_between_neighbouring_triangles():
     x, y = (k.ravel() for k in np.meshgrid(np.linspace(0, 10, 201), np.linspace(0, 10, 201)))
     ground = Triangulated(*joined(roof(0, 0, 5, 10, 1), roof(5, 0, 10, 10, 1)))
     assert set(ground.height(np.column_stack([x, y])).tolist()) == {1.0}
-
-
-def test_a_mesh_without_area_from_above_is_refused():
-    with pytest.raises(ValueError, match="no area from above"):
-        Triangulated(np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1.0]]), np.array([[0, 1, 2]]))
-    with pytest.raises(ValueError, match="not finite"):
-        Triangulated(np.array([[0, 0, 0], [1, 0, 0], [1, np.nan, 1.0]]), np.array([[0, 1, 2]]))
 
 
 # ------------------------------------------------------------------------------------------- feet

@@ -50,6 +50,14 @@ def forest(*key, window=FIELD, factor=1.0):
     return points[kept & window.contains(points)]
 
 
+def spaced():
+    """A dense forest of which trees are kept that are the oldest within 2 m."""
+    points = forest("spaced", factor=3.0)
+    mark, none = stream(2, "mark").random(len(points)), np.zeros(len(points), dtype=int)
+    apart = Spacing(np.array([[2.0]]), none, np.zeros(len(points)))
+    return points[space(points, mark, apart, "matern")]
+
+
 def flat(points):
     return np.ones(len(points))
 
@@ -109,11 +117,7 @@ def test_clusters_and_spacing_show():
     daughters = daughters[FIELD.contains(daughters)]
     k = inhomogeneous_k(daughters, slope(daughters), FIELD, radius)
     assert (k.l_function > 1.3 * radius).all()
-    points = forest("spaced", factor=3.0)
-    mark = stream(2, "mark").random(len(points))
-    none = np.zeros(len(points), dtype=int)
-    keep = space(points, mark, Spacing(np.array([[2.0]]), none, np.zeros(len(points))), "matern")
-    kept = points[keep]
+    kept = spaced()
     assert inhomogeneous_k(kept, slope(kept), FIELD, radius).value[0] == 0
 
 
@@ -246,14 +250,10 @@ def test_a_forest_of_the_law_passes_and_another_does_not():
     # Each fails with probability 1/40 at p = 0.025: all three 2e-5.
     assert any(found.excess.p_value > 0.025 for found in passed)
     assert all(found.radius[-1] <= 20 for found in passed)
-    points = forest("spaced", factor=3.0)
-    none = np.zeros(len(points), dtype=int)
-    mark = stream(2, "mark").random(len(points))
-    keep = space(points, mark, Spacing(np.array([[2.0]]), none, np.zeros(len(points))), "matern")
-    spaced = examine(points[keep], FIELD, known)
-    assert spaced.excess.p_value == 1 / 40
-    assert spaced.excess.observed[0] < spaced.excess.global_low[0]
-    assert examine(points[:9], FIELD, known) is None
+    found = examine(spaced(), FIELD, known)
+    assert found.excess.p_value == 1 / 40
+    assert found.excess.observed[0] < found.excess.global_low[0]
+    assert examine(spaced()[:9], FIELD, known) is None
 
 
 @pytest.mark.slow
