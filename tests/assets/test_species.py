@@ -18,7 +18,8 @@ from forest_addon.growth.lsystem.branching import interpret, skeleton_of, string
 from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.own_tree.template import TreeTemplate, split_tree
 from forest_addon.growth.tree import grow
-from forest_addon.spec import Jitter, Scene, SpecError
+from forest_addon.sensing.sonar.equipment_files import equip, find, read_route
+from forest_addon.spec import Jitter, Scene, Sonar, SpecError
 
 FILES = sorted((ASSETS / "species").glob("*.toml"))
 STILL = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0, lean_deg=0)
@@ -128,6 +129,10 @@ def test_a_scene_is_whole(path):
     assert scene.sensors or scene.plantings
     for planting in scene.plantings:
         assert find_species(planting.species, SCENES).is_file()
+    for sonar in scene.sensors:
+        if isinstance(sonar, Sonar):
+            equip(sonar, SCENES)
+            assert not sonar.route or read_route(find(sonar.route, SCENES, "route"), sonar.speed)
 
 
 @pytest.mark.parametrize(

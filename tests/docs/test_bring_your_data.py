@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pytest
 from references.scripts import ROOT
 
 from forest_addon.formats.toml_file import read_settings
@@ -21,6 +22,9 @@ def test_its_trees_stand_where_they_were_measured(tmp_path):
     inputs = read_inputs(scene, tmp_path)
     assert 'trees.csv: "Bu" is planted as european-beech' in inputs.told
     assert 'trees.csv: "Fi" is planted as norway-spruce' in inputs.told
+    trees = inputs.lists["trees.csv"]
+    measured = [[0.315, 22.4], [0.28, 21.0], [0.402, 25.1], [0.228, 17.9]]
+    assert trees.measures[:, :2] == pytest.approx(np.array(measured))
     stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
     of = np.array([planting.species for planting in scene.plantings])[stand.species]
     places = {

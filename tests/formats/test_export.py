@@ -22,7 +22,7 @@ from forest_addon.growth.library import load_species
 from forest_addon.results.coordinates import Offset
 from forest_addon.results.kinds import RESULTS, write_as
 from forest_addon.results.points import POINT, can_write, records
-from forest_addon.results.tables import write_cylinders, write_models
+from forest_addon.results.tables import write_models
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import SpecError
@@ -329,10 +329,3 @@ def test_models_hold_the_trees(grown, tmp_path):
         daughters = branch["parent"] > 0
         mothers = branch["order"][branch["parent"][daughters].astype(int) - 1]
         assert (branch["order"][daughters] == mothers + 1).all()
-
-
-@pytest.mark.medium
-def test_the_table_is_that_of_the_map(grown, tmp_path):
-    write_cylinders(tmp_path / "cylinders.csv", cylinder_table(grown), (0.0, 5.0, 0.0))
-    read = np.genfromtxt(tmp_path / "cylinders.csv", delimiter=",", names=True)
-    assert np.allclose(read["startY"], cylinder_table(grown)["startY"] + 5.0, atol=1e-5)

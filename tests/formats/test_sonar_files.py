@@ -8,8 +8,6 @@ import pytest
 from references.echoes import discs_of
 from scipy.io import wavfile
 
-from forest_addon.base.places import ASSETS
-from forest_addon.formats.toml_file import read_settings
 from forest_addon.formats.wav import write_wav
 from forest_addon.results.kinds import RESULTS, labelled_of
 from forest_addon.results.reverb import CALL, PEAK_DB, dry_sound
@@ -19,7 +17,7 @@ from forest_addon.sensing.sonar.equipment_files import equip, find, read_pattern
 from forest_addon.sensing.sonar.ping import fly, ping
 from forest_addon.sensing.sonar.station import posed, poses_of
 from forest_addon.sensing.sonar.targets import EchoTargets
-from forest_addon.spec import Air, Scene, Sonar, SonarReceiver, SpecError
+from forest_addon.spec import Air, Sonar, SonarReceiver, SpecError
 
 LEAVES = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)
 
@@ -175,16 +173,6 @@ def test_silence_can_be_written(tmp_path: Path) -> None:
     sonar = Sonar(max_range=1.0)
     files = write_echo(tmp_path, sonar, ping(LEAVES, sonar, Air()))
     assert not wavfile.read(files[1])[1].any()
-
-
-@pytest.mark.parametrize("path", sorted((ASSETS / "scenes").glob("*.toml")), ids=lambda p: p.stem)
-def test_every_scene_file_can_be_read_with_its_files(path: Path) -> None:
-    scene = read_settings(path, Scene)
-    for sonar in scene.sensors:
-        if isinstance(sonar, Sonar):
-            equip(sonar, path.parent)
-            if sonar.route:
-                assert read_route(find(sonar.route, path.parent, "route"), sonar.speed)
 
 
 # ---------------------------------------------------------------------------------------- dry sounds

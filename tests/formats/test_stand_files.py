@@ -512,16 +512,6 @@ def test_the_manual_names_the_columns_that_are_read():
         assert f"| {key} | {', '.join(f'`{name}`' for name in names)} |" in page
 
 
-def test_the_table_of_the_manual_is_read_as_it_says(tmp_path):
-    page = (Path(__file__).parents[2] / "docs/bring-your-data.md").read_text("utf-8")
-    (tmp_path / "trees.csv").write_text(page.split("```\n")[1], encoding="utf-8")
-    trees = read_tree_list(tmp_path / "trees.csv")
-    assert trees.position.tolist() == [[4.2, 3.75], [11.8, 6.1], [6.4, 14.9], [17.1, 4.4]]
-    assert trees.species == ("Bu", "Fi", "Bu", "Bu")
-    assert trees.measures[:, 0] == pytest.approx([0.315, 0.28, 0.402, 0.228])
-    assert trees.measures[:, 1] == pytest.approx([22.4, 21.0, 25.1, 17.9])
-
-
 @pytest.mark.parametrize(
     "names",
     [

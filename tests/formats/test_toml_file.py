@@ -17,7 +17,6 @@ from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF
 from forest_addon.formats.stl import read_stl, write_stl
 from forest_addon.formats.toml_file import (
-    merged,
     read_scanner,
     read_settings,
     scanner_names,
@@ -244,12 +243,6 @@ def test_what_cannot_be_used_is_said(tmp_path, kind, name, words):
     (tmp_path / "wrong.toml").write_text("[airborne]\nbeam = { subrais = 3 }\n")
     with pytest.raises(SpecError, match=words):
         read(tmp_path, f'[[sensors]]\nkind = "{kind}"\nscanner = "{name}"\n')
-
-
-def test_tables_are_merged_within():
-    under = {"a": 1, "beam": {"x": 1, "y": 2}}
-    assert merged(under, {"beam": {"y": 3}, "b": 4}) == {"a": 1, "beam": {"x": 1, "y": 3}, "b": 4}
-    assert under["beam"] == {"x": 1, "y": 2}
 
 
 # -------------------------------------------------------------------------------------- species file

@@ -76,20 +76,6 @@ def test_little_is_imported(code, needed, heavy):
 
 
 @pytest.mark.parametrize(
-    ("words", "joined"),
-    [
-        (["--at", "-1,2,3"], ["--at=-1,2,3"]),
-        (["--azimuth", "-30"], ["--azimuth", "-30"]),  # argparse knows plain numbers
-        (["--window", "-1", "-2", "3", "4"], ["--window", "-1", "-2", "3", "4"]),
-        (["--at", "1,2,3"], ["--at", "1,2,3"]),
-        (["--", "-1,2"], ["--", "-1,2"]),
-    ],
-)
-def test_values_that_begin_with_a_minus(words, joined):
-    assert cli._values_joined(words) == joined
-
-
-@pytest.mark.parametrize(
     ("words", "out"),
     [
         (["run", "a/my.toml"], "out/my"),

@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-import shutil
 import struct
 import subprocess
 import sys
@@ -193,20 +192,6 @@ def test_without_trees_the_sensors_see_the_ground_only(headless, tmp_path):
         height, speed = float(echo["position"][2]), float(echo["sound_speed"])
         assert loudest == pytest.approx(2 * height / speed, abs=1e-4)
         assert np.isfinite(echo["spectrum"]).all()
-
-
-@pytest.mark.slow
-def test_a_species_file_and_stl_files_of_ones_own(headless, tmp_path):
-    for part in ("wood", "leaves"):
-        shutil.copy(ROOT / "assets" / "templates" / "apple" / f"{part}.stl", tmp_path)
-    (tmp_path / "mine.toml").write_text(
-        'name = "mine"\n[template]\nwood = "wood.stl"\nleaves = "leaves.stl"\n'
-        "[grammar]\ngenerations = 4\n"
-    )
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[[plantings]]\nspecies = "mine.toml"\nexpected = 3\n' + BARE)
-    headless("run", scene, "--out", tmp_path / "o")
-    assert "mine" in (tmp_path / "o" / "trees.csv").read_text()
 
 
 @pytest.mark.slow

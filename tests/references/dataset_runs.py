@@ -68,11 +68,13 @@ class Warm:
         patch.setattr(engine, "Worker", lambda: self)
         patch.setattr(estimate, "Worker", lambda: _Lent(self.worker))
 
-    def run(self, *words):
-        """The command in this process, its scenes made by this worker."""
+    def run(self, *words, ends=0):
+        """The command in this process, its scenes made by this worker; ends : the exit code it must have."""
         with pytest.MonkeyPatch.context() as patch:
             self.lend(patch)
-            return here(*words)
+            ended = here(*words)
+        assert ends in (ended.returncode, None), ended.stderr
+        return ended
 
 
 def bytes_of(out):

@@ -458,12 +458,6 @@ HILLS = Planting(
 )
 
 
-@pytest.mark.parametrize("gaussians", [HILLS.gaussians, ()])
-def test_expected_number_scales_the_intensity(gaussians):
-    planting = Planting(species="m", expected=37.5, gaussians=gaussians)
-    assert process_of(planting, STAND_FIELD).expected == pytest.approx(37.5, rel=1e-12)
-
-
 def test_zero_trees_and_nothing_to_scale():
     assert len(plan_stand(0, STAND_FIELD, [])) == 0
     assert len(plan_stand(0, STAND_FIELD, [Planting(species="m", expected=0)])) == 0

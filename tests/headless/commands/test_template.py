@@ -12,7 +12,6 @@ from references.model_tree import tree
 from forest_addon.formats.stl import read_stl, write_stl
 from forest_addon.growth.library import load_species
 from forest_addon.growth.own_tree.pieces import infer_unit
-from headless.cli import main
 
 MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
 
@@ -27,22 +26,13 @@ def files(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatch):
-    pytest.importorskip("bpy")
+def test_a_users_tree_becomes_a_forest_in_two_commands(headless, files, monkeypatch):
     monkeypatch.setattr("headless.report.trees.WIDTH", 500)  # it is rendered, which takes seconds
     monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 4)
     monkeypatch.setattr("headless.report.trees.SIDES", 4)
     out = files / "elm"
-    assert (
-        main(
-            [
-                *("template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm"),
-                *("--out", f"{out}", "--siblings", "3"),
-            ]
-        )
-        == 0
-    )
-    said = capsys.readouterr().out
+    words = ("--name", "elm", "--out", out, "--siblings", 3)
+    said = headless("template", files / "w.stl", files / "l.stl", *words).stdout
     for words in (
         *("1 trunk", "9 first-level branches", "63 leaves", "inferred", "centimetres"),
         *("Rebuilt from its parts: 63 of 63 leaves", "Variety: 0.7"),
@@ -65,7 +55,7 @@ def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatc
         + "\n[output]\nblend = false\nglb = false\npreview = false\n"
         + "pictures = false\ngoodness = false\nreport = false\n",
     )
-    assert main(["run", str(scene), "--out", str(files / "out"), "--quiet"]) == 0
+    headless("run", scene, "--out", files / "out", "--quiet")
     with open(files / "out" / "trees.csv", encoding="utf-8") as table:
         rows = list(csv.DictReader(table))
     assert rows
@@ -79,11 +69,10 @@ def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatc
 
 
 @pytest.mark.medium
-def test_a_height_that_is_given_sets_the_scale(files, capsys):
+def test_a_height_that_is_given_sets_the_scale(headless, files):
     out = files / "elm"
-    words = ["template", str(files / "w.stl"), "--name", "elm", "--height", "8", "--out", str(out)]
-    assert main([*words, "--siblings", "0"]) == 0
-    said = capsys.readouterr().out
+    words = ("--name", "elm", "--height", 8, "--out", out, "--siblings", 0)
+    said = headless("template", files / "w.stl", *words).stdout
     assert "given by --height" in said
     assert "8.00 m high" in said
     assert not (out / "leaves.stl").exists()
@@ -92,11 +81,11 @@ def test_a_height_that_is_given_sets_the_scale(files, capsys):
 
 
 @pytest.mark.slow
-def test_the_grammar_of_2020a_is_there_by_name(files, capsys):
+def test_the_grammar_of_2020a_is_there_by_name(headless, files):
     out = files / "elm"
-    words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "elm"]
-    assert main([*words, "--grammar", "tanveer-2020a", "--out", str(out)]) == 0
-    assert "siblings" not in capsys.readouterr().out
+    words = ("--name", "elm", "--grammar", "tanveer-2020a", "--out", out)
+    said = headless("template", files / "w.stl", files / "l.stl", *words).stdout
+    assert "siblings" not in said
     species, template = load_species(out / "elm.toml")
     assert species.siblings is None
     assert len(template.branches) == 9
@@ -104,34 +93,30 @@ def test_the_grammar_of_2020a_is_there_by_name(files, capsys):
 
 
 @pytest.mark.slow
-def test_the_string_of_a_fitted_grammar(files, capsys):
+def test_the_string_of_a_fitted_grammar(headless, files):
     out = files / "pine"
-    words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "pine"]
-    assert main([*words, "--siblings", "0", "--out", str(out)]) == 0
+    words = ("--name", "pine", "--siblings", 0, "--out", out)
+    headless("template", files / "w.stl", files / "l.stl", *words)
     species, _ = load_species(out / "pine.toml")
     assert species.siblings.allometry == "pinus"
-    capsys.readouterr()
-    assert main(["derive", str(out / "pine.toml"), "--generations", "0"]) == 0
-    axiom = capsys.readouterr().out
+    axiom = headless("derive", out / "pine.toml", "--generations", 0).stdout
     assert "A(" in axiom
     assert "F" not in axiom
-    assert main(["derive", str(out / "pine.toml")]) == 0
-    whole = capsys.readouterr().out
+    whole = headless("derive", out / "pine.toml").stdout
     assert whole.count("[") == whole.count("]") > 60
     assert "~(" in whole
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("unit", "scale"), [("millimetres", 1000.0), ("inches", 1 / 0.0254)])
-def test_one_file_of_any_unit_with_y_up(tmp_path, capsys, unit, scale):
+def test_one_file_of_any_unit_with_y_up(headless, tmp_path, unit, scale):
     """Wood and leaves in one STL, lying: told apart, stood up, and in metres."""
     model = tree()
     facets = np.concatenate([model.wood(), model.leaves()])[:, :, [0, 2, 1]] * [1, 1, -1]
     write_stl(tmp_path / "all.stl", facets * scale)
     out = tmp_path / "elm"
-    words = ["template", f"{tmp_path}/all.stl", "--name", "elm", "--out", str(out)]
-    assert main([*words, "--siblings", "0"]) == 0
-    said = capsys.readouterr().out
+    words = ("--name", "elm", "--out", out, "--siblings", 0)
+    said = headless("template", tmp_path / "all.stl", *words).stdout
     assert f"taken as {unit}" in said
     assert "told apart by shape" in said
     assert "Up: y, inferred" in said
@@ -143,19 +128,19 @@ def test_one_file_of_any_unit_with_y_up(tmp_path, capsys, unit, scale):
 
 
 @pytest.mark.slow
-def test_unit_and_axis_may_be_given(files, capsys):
+def test_unit_and_axis_may_be_given(headless, files):
     out = files / "elm"
-    words = ["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", str(out)]
-    assert main([*words, "--unit", "feet", "--up", "z", "--siblings", "0"]) == 0
-    said = capsys.readouterr().out
+    words = ("template", files / "w.stl", files / "l.stl", "--name", "elm", "--out", out)
+    said = headless(*words, "--unit", "feet", "--up", "z", "--siblings", 0).stdout
     assert "given by --unit feet" in said
     assert "Up: z, given" in said
-    assert main([*words, "--up", "y"]) == 2
-    assert "leans" in capsys.readouterr().err
+    assert "leans" in headless(*words, "--up", "y", ends=2).stderr
 
 
 @pytest.mark.slow
-def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, capsys, monkeypatch):
+def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(
+    headless, files, monkeypatch
+):
     """Allowed is so little that no siblings keep to it: exit code 5, the files and no scene."""
     for name, few in (("MOST_DIFFERENCE", 1e-4), ("FEWEST", 6), ("MESHED", 2)):
         monkeypatch.setattr(f"forest_addon.growth.likeness.{name}", few)
@@ -164,16 +149,14 @@ def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, c
     monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 2)
     monkeypatch.setattr("headless.report.trees.SIDES", 3)
     out = files / "elm"
-    words = ["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", str(out)]
-    assert main([*words, "--siblings", "3", "--accept"]) == 0
+    words = ("template", files / "w.stl", files / "l.stl", "--name", "elm", "--out", out)
+    assert "Next: " in headless(*words, "--siblings", 3, "--accept").stdout
     assert (out / "scene.toml").exists()
-    assert "Next: " in capsys.readouterr().out
-    assert main([*words, "--siblings", "3"]) == 5
-    said = capsys.readouterr()
-    assert "error: siblings are not like the tree: " in said.err
-    assert "--accept" in said.err
-    assert "Variety: 0." in said.out
-    assert "Next: " not in said.out
+    ended = headless(*words, "--siblings", 3, ends=5)
+    assert "error: siblings are not like the tree: " in ended.stderr
+    assert "--accept" in ended.stderr
+    assert "Variety: 0." in ended.stdout
+    assert "Next: " not in ended.stdout
     assert (out / "elm.toml").exists()
     assert not (out / "scene.toml").exists()
 
@@ -187,11 +170,10 @@ def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, c
     ],
     ids=["two trees", "leaves alone"],
 )
-def test_what_is_not_understood_is_marked_in_a_picture(tmp_path, capsys, facets, problem):
+def test_what_is_not_understood_is_marked_in_a_picture(headless, tmp_path, facets, problem):
     write_stl(tmp_path / "x.stl", facets)
     out = tmp_path / "out"
-    assert main(["template", f"{tmp_path}/x.stl", "--name", "x", "--out", str(out)]) == 2
-    said = capsys.readouterr().err
+    said = headless("template", tmp_path / "x.stl", "--name", "x", "--out", out, ends=2).stderr
     assert said.count("\n") == 1
     assert problem in said
     assert "recognised.png" in said
@@ -217,22 +199,14 @@ def test_units_are_inferred_from_usual_sizes(height, leaf, name):
 
 
 @pytest.mark.slow
-def test_the_maple_of_tanveer_2020a(tmp_path, capsys):
+def test_the_maple_of_tanveer_2020a(headless, tmp_path):
     if not MAPLE.is_dir():
         pytest.skip(
             f"the maple of Tanveer et al. 2020a is not at {MAPLE}; it has no licence to be shipped"
         )
     wood, leaves = MAPLE / "maple_stem.stl", MAPLE / "maple_leaves.stl"
-    assert (
-        main(
-            [
-                *("template", str(wood), str(leaves), "--name", "maple", "--out", str(tmp_path)),
-                *("--siblings", "0"),
-            ]
-        )
-        == 0
-    )
-    said = capsys.readouterr().out
+    words = ("--name", "maple", "--out", tmp_path, "--siblings", 0)
+    said = headless("template", wood, leaves, *words).stdout
     assert "in 244 pieces" in said
     assert "1 trunk" in said
     assert "24 first-level branches" in said

@@ -44,8 +44,7 @@ def test_segments_are_where_the_render_shows_them(warm, tmp_path):
     flat = ("--set", "vary.terrain.relief=0.0", "--set", "scene.forest.size=[3.0,3.0]")
     more = ("--set", "count=1", "--set", "keep.preview=true", "--set", small, "--set", "seed=9")
     more += ("--set", "mix.density=0.6", "--set", 'mix.species=["honda-birch","apple-stochastic"]')
-    ended = warm.run(PLAN, *more, *flat, "--set", "mix.scale=[0.3,0.5]", "--out", tmp_path / "data")
-    assert ended.returncode == 0, ended.stderr
+    warm.run(PLAN, *more, *flat, "--set", "mix.scale=[0.3,0.5]", "--out", tmp_path / "data")
     folder = tmp_path / "data" / "scenes" / "000000"
     numbers = segments_from((folder / "preview-segments.png").read_bytes())
     shown = np.asarray(Image.open(folder / "preview.png").convert("RGB"), dtype=float)
