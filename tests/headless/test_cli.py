@@ -195,12 +195,11 @@ def scene(tmp_path):
     return tmp_path / "scene.toml"
 
 
-def test_a_step_is_a_line_that_says_what_it_found(scene, tmp_path, monkeypatch, capsys):
+def test_a_step_is_a_line_that_says_what_it_found(scene, tmp_path, monkeypatch, headless):
     """Also where a folder is called like the command."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()
-    assert main(["run", "scene.toml", "--out", "run"]) == 0
-    said = capsys.readouterr().err
+    said = headless("run", "scene.toml", "--out", "run").stderr
     assert "\r" not in said
     assert "\n\n" not in said
     lines = said.splitlines()
@@ -213,13 +212,11 @@ def test_a_step_is_a_line_that_says_what_it_found(scene, tmp_path, monkeypatch, 
 
 
 def test_details_are_said_where_they_are_asked_for_and_the_record_is_printed(
-    scene, tmp_path, capsys
+    scene, tmp_path, headless
 ):
-    words = ["run", str(scene), "--out", str(tmp_path / "out"), "--verbose", "--json"]
-    assert main(words) == 0
-    said = capsys.readouterr()
-    assert any("sent again" in line for line in said.err.splitlines())
-    assert json.loads(said.out) == json.loads((tmp_path / "out" / "run.json").read_text())
+    said = headless("run", scene, "--out", tmp_path / "out", "--verbose", "--json")
+    assert any("sent again" in line for line in said.stderr.splitlines())
+    assert json.loads(said.stdout) == json.loads((tmp_path / "out" / "run.json").read_text())
 
 
 @pytest.mark.parametrize("word", ["demo", "assets/scenes/demo.toml"])
@@ -233,12 +230,6 @@ def test_what_ships_is_named_from_any_folder(word, tmp_path, monkeypatch):
 def test_a_mistyped_scene_is_answered_with_the_nearest_in_python():
     with pytest.raises(spec.SpecError, match='did you mean "demo"'):
         api.read("dmo")
-
-
-def test_columns_of_scanners_stand_apart(capsys):
-    assert main(["lidar", "--list"]) == 0
-    for row in capsys.readouterr().out.splitlines():
-        assert re.search(r" (on|terrestrial|mobile|airborne)\b", row)
 
 
 def test_doctor_names_what_computes_and_how_to_get_what_is_missing(monkeypatch, capsys):
@@ -278,11 +269,10 @@ def test_without_blender_a_run_says_what_to_install(tmp_path):
 
 
 def test_a_forest_that_memory_will_not_hold_is_refused_as_it_has_grown(
-    scene, tmp_path, monkeypatch, capsys
+    scene, tmp_path, monkeypatch, headless
 ):
     monkeypatch.setattr(pipeline, "free_memory", lambda: 1e5)
-    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err.splitlines()[-1]
+    said = headless("run", scene, "--out", tmp_path / "out", ends=2).stderr.splitlines()[-1]
     assert re.match(r"error: plantings: their 1 different trees need about \S+ GB of memory", said)
     assert said.endswith("0.0001 GB are free; give about 1 variants in all")
 
@@ -337,13 +327,6 @@ glb = false
 NOTHING_MET = (
     BARE + "[[sensors]]\nkind = 'terrestrial'\nposition = [5, 5, 1.6]\nelevation_deg = [10, 80]\n"
 )
-CROWDED = """
-[[plantings]]
-species = "hazelnut"
-variants = 1
-expected = 60
-exact = false
-"""
 
 
 @pytest.fixture
@@ -372,15 +355,6 @@ def test_strict_makes_a_warning_an_exit_code_and_keeps_the_results(run, tmp_path
     assert (tmp_path / "out/run.json").exists()
     sonar = "[[sensors]]\nkind = 'sonar'\nposition = [5, 5, 1.5]\nazimuth_deg = 90\nelevation_deg = -60\n"
     assert run(BARE + sonar, "--strict", "--quiet").returncode == 0
-
-
-@pytest.mark.slow
-def test_trees_that_spacing_takes_away_are_told(run):
-    crowded = BARE.replace("size = [10, 10]", "size = [10, 10]\nspacing = 4.0") + CROWDED
-    said = run(crowded).stderr
-    assert "trees stand" in said
-    assert "nearer to others than spacing allows" in said
-    assert "nearer to others" not in run(crowded.replace("4.0", "0.05")).stderr
 
 
 @pytest.mark.medium

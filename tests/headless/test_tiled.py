@@ -52,21 +52,22 @@ def field(tmp_path):
     return tmp_path / "field.toml"
 
 
+def run(field, out, *more):
+    folder = field.with_name(out)
+    assert main(["run", str(field), "--out", str(folder), "--quiet", *more]) == 0
+    return folder
+
+
 @pytest.mark.slow
 def test_workers_of_which_one_lost_a_piece_make_the_same_bytes(field, empty_blender, capsys):
-    def run(out, *more):
-        folder = field.with_name(out)
-        assert main(["run", str(field), "--out", str(folder), "--quiet", *more]) == 0
-        return folder
-
-    whole = run("whole")
+    whole = run(field, "whole")
     parts = field.with_name("parts")
     # As if the command had been killed when it had one piece, and a worker in the middle of another.
     tiling = forest.Tiling.of(read_settings(field, forest.Scene), field.parent)
     scan = forest.TiledScan(tiling, tiling.site.scene.sensors[0], parts / "tiles")
     scan.make(int(scan.todo(False)[0]))
     (parts / "tiles" / ".als-1-1-0.1.partial.rows").write_bytes(b"half")
-    run("parts", "--resume", "--workers", "2")
+    run(field, "parts", "--resume", "--workers", "2")
     names = ["als.laz", "leaf_angles.csv", "tiles.csv", "trees.csv"]
     for folder in (whole, parts):
         written = sorted(file.name for file in folder.glob("[!.]*.*"))
@@ -85,15 +86,10 @@ def test_workers_of_which_one_lost_a_piece_make_the_same_bytes(field, empty_blen
 
 @pytest.mark.slow
 def test_shares_that_are_joined_make_the_same_bytes(field, empty_blender):
-    def run(out, *more):
-        folder = field.with_name(out)
-        assert main(["run", str(field), "--out", str(folder), "--quiet", *more]) == 0
-        return folder / "als.laz"
-
-    whole = run("whole").read_bytes()
+    whole = (run(field, "whole") / "als.laz").read_bytes()
     for share in ("1/2", "2/2"):
-        assert not run("parts", "--share", share).exists()
-    assert run("parts", "--resume").read_bytes() == whole
+        assert not (run(field, "parts", "--share", share) / "als.laz").exists()
+    assert (run(field, "parts", "--resume") / "als.laz").read_bytes() == whole
     for wrong in ("3", "0/2", "3/2", "a/b"):
         with pytest.raises(SystemExit):
             main(["run", str(field), "--share", wrong])
@@ -171,8 +167,7 @@ def test_a_sample_of_all_tiles_tells_the_whole(field, empty_blender, capsys, war
     words = ["--sample", "100%", "--workers", "1", "--quiet", "--json"]
     assert main(["tiles", str(field), *words]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert main(["run", str(field), "--out", str(field.with_name("o")), "--quiet"]) == 0
-    points = len(laspy.read(field.with_name("o") / "als.laz").points)
+    points = len(laspy.read(run(field, "o") / "als.laz").points)
     assert found["scanned"] == found["tiles"] == 4
     assert found["points"] == [points] * 3  # nothing is left to chance
     assert main(["tiles", str(field), "--sample", "50%", *words[2:]]) == 0

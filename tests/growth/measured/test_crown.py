@@ -103,9 +103,13 @@ def test_conifers_stand_in_whorls():
     assert (gap > 0.15).sum() >= 10
 
 
-def test_dead_branches_hang_below_the_crown():
-    tree = tree_of("scots-pine", PINE)
-    wood = tree.skeleton
+@pytest.fixture(scope="module")
+def pine():
+    return tree_of("scots-pine", PINE)
+
+
+def test_dead_branches_hang_below_the_crown(pine):
+    wood = pine.skeleton
     dead = wood.is_dead
     foot = np.flatnonzero(dead & (wood.order == 1) & ~dead[np.maximum(wood.parent, 0)])
     assert len(foot) > 30
@@ -113,12 +117,10 @@ def test_dead_branches_hang_below_the_crown():
     height = wood.start[foot, 2]
     assert height.max() < PINE.crown_base
     assert height.min() < 1.0
-    upper, lower = (height > 6).sum(), (height < 3).sum()
-    assert upper > 1.4 * lower  # they fall in the end
+    assert (height > 6).sum() > 1.4 * (height < 3).sum()  # they fall in the end
     reach = np.linalg.norm(wood.end[dead, :2], axis=1)
     # What died on a tree a third as high is a third as long as what died last, or is rotten.
-    low, high = (reach[wood.end[dead, 2] < 3].max(), reach[wood.end[dead, 2] > 7].max())
-    assert low < 0.45 * high
+    assert reach[wood.end[dead, 2] < 3].max() < 0.45 * reach[wood.end[dead, 2] > 7].max()
     assert not dead[wood.parent[~dead & (wood.parent >= 0)]].any()  # nothing lives on dead wood
     on_axis = wood.start[foot] - wood.start[wood.parent[foot]]
     way = wood.end[wood.parent[foot]] - wood.start[wood.parent[foot]]
@@ -126,18 +128,13 @@ def test_dead_branches_hang_below_the_crown():
     assert (wood.radius[dead, 1] <= wood.radius[dead, 0] + 1e-12).all()
 
 
-def test_dead_wood_has_a_label_and_no_leaves_and_counts_as_wood():
-    tree = tree_of("scots-pine", PINE)
-    part = tree.mesh.part
-    assert (part == DEAD).any()
-    assert (tree.mesh.leaf[part == DEAD] == -1).all()
-    high = tree.mesh.vertices[tree.mesh.triangles[part == DEAD]][:, :, 2]
-    assert high.max() < PINE.crown_base + 1.0
-    leaf = tree.mesh.vertices[tree.mesh.triangles[part == LEAF]][:, :, 2]
-    assert leaf.min() > PINE.crown_base - 1.0
-    living = tree.skeleton.some(~tree.skeleton.is_dead)
-    table = segment_table(living)
-    assert wood_of_tree(tree).volume > 0.97 * table["volume_m3"].sum()
+def test_dead_wood_has_a_label_and_no_leaves_and_counts_as_wood(pine):
+    mesh, living = pine.mesh, pine.skeleton.some(~pine.skeleton.is_dead)
+    height = mesh.vertices[mesh.triangles][:, :, 2]
+    assert 0 < height[mesh.part == DEAD].max() < PINE.crown_base + 1.0
+    assert (mesh.leaf[mesh.part == DEAD] == -1).all()
+    assert height[mesh.part == LEAF].min() > PINE.crown_base - 1.0
+    assert wood_of_tree(pine).volume > 0.97 * segment_table(living)["volume_m3"].sum()
 
 
 def test_without_shade_nothing_has_died():

@@ -1,6 +1,7 @@
 """The command ``lidar`` on scenes of one's own, in a process that is really killed."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -176,7 +177,9 @@ def test_the_list_of_scanners(lidar):
     ended = lidar("--list")
     assert "riegl-vz-400i" in ended.stdout
     shipped = {path.stem for path in (ASSETS / "scanners").glob("*.toml")}
-    assert {line.split()[0] for line in ended.stdout.splitlines()[1:]} == shipped
+    _, *rows = ended.stdout.splitlines()
+    assert {row.split()[0] for row in rows} == shipped
+    assert all(re.search(r" (terrestrial|mobile|airborne)\b", row) for row in rows)  # columns apart
 
 
 @pytest.mark.slow

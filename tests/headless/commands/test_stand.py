@@ -46,10 +46,9 @@ def scene(tmp_path):
 
 
 @pytest.mark.slow
-def test_positions_and_map_are_written(scene, tmp_path, capsys):
+def test_positions_and_map_are_written(scene, tmp_path, headless):
     out = tmp_path / "new" / "points.csv"
-    assert main(["stand", str(scene), "--out", str(out)]) == 0
-    said = capsys.readouterr().out
+    said = headless("stand", scene, "--out", out).stdout
     assert "too near" in said
     assert "together" in said
     assert "EPSG:32632" in said
@@ -82,13 +81,12 @@ def test_geojson_and_another_seed(scene, tmp_path):
     assert made[0] != made[1]
 
 
-def test_a_stand_says_what_has_no_effect_and_that_no_tree_stands(tmp_path, capsys):
+def test_a_stand_says_what_has_no_effect_and_that_no_tree_stands(tmp_path, headless):
     (tmp_path / "trees.csv").write_text("x,y\n")
     planted = 'species = "maple"\nlayout = "list"\ntrees = "trees.csv"\ndensity = 3\n'
     written = f"[[plantings]]\n{planted}[wind]\nturbulence = 0.1\n"
     (tmp_path / "scene.toml").write_text(written)
-    main(["stand", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "p.csv")])
-    said = capsys.readouterr().err
+    said = headless("stand", tmp_path / "scene.toml", "--out", tmp_path / "p.csv").stderr
     for words in (
         "maple: density has no effect",
         "wind.turbulence has no effect",
