@@ -14,7 +14,7 @@ from forest_addon.blender.files.others import write_parts
 from forest_addon.formats.helios.document import read_document
 from forest_addon.formats.helios.scene import read_scene
 from forest_addon.formats.helios.survey import read_survey
-from forest_addon.sensing.lidar.pattern import pattern_of
+from forest_addon.sensing.lidar.pattern import Pulses, pattern_of
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.surveys.export import write_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
@@ -424,6 +424,13 @@ def written(
     return folder / "survey.xml"
 
 
+def sent(survey: Path, number: int = 0) -> Pulses:
+    """All pulses of a leg of a survey."""
+    read = read_survey(survey)
+    pattern = SurveyLeg(read, read.legs[number])
+    return pattern.pulses(np.arange(pattern.count))
+
+
 def test_part_is_scaled_turned_moved_and_set_on_the_ground(tmp_path: Path) -> None:
     survey = written(tmp_path)
     (ground, block), unread = read_scene("scene.xml#s", survey)
@@ -443,24 +450,18 @@ def test_a_part_whose_material_file_is_lost_is_told_among_the_notes(tmp_path: Pa
 
 
 def test_tripod_sends_the_pulses_of_its_window(tmp_path: Path) -> None:
-    survey = read_survey(written(tmp_path))
-    pattern = SurveyLeg(survey, survey.legs[0])
-    pulses = pattern.pulses(np.arange(pattern.count))
-    np.testing.assert_allclose(pulses.origin, np.tile([0, 0, 2 + 1.5 + 0.2], (pattern.count, 1)))
+    pulses = sent(written(tmp_path))
+    np.testing.assert_allclose(pulses.origin, np.tile([0, 0, 2 + 1.5 + 0.2], (20 * 8, 1)))
     elevation = np.rad2deg(np.arcsin(pulses.direction[:, 2]))
     # 10 lines of 180 degrees a second are 1.8 degrees a pulse: -43.2 to -30.6 of each line of 2 s
     np.testing.assert_allclose(elevation[:8], -43.2 + 1.8 * np.arange(8), atol=1e-9)
-    assert pattern.count == 20 * 8
     azimuth = np.rad2deg(np.arctan2(pulses.direction[:, 1], pulses.direction[:, 0]))
     np.testing.assert_allclose(azimuth, 0 + 20 * pulses.time, atol=1e-9)  # forward is +Y
 
 
 def test_cone_meets_the_ground_on_a_circle_that_flies(tmp_path: Path) -> None:
-    survey = read_survey(written(tmp_path, FLIGHT, "plane", "cone"))
-    (leg,) = survey.legs
-    pattern = SurveyLeg(survey, leg)
-    assert pattern.count == 1000  # 20 m at 20 m/s
-    pulses = pattern.pulses(np.arange(pattern.count))
+    pulses = sent(written(tmp_path, FLIGHT, "plane", "cone"))
+    assert len(pulses.time) == 1000  # 20 m at 20 m/s
     np.testing.assert_allclose(pulses.direction[:, 2], -np.cos(np.deg2rad(20)), atol=1e-12)
     np.testing.assert_allclose(pulses.origin[:, 1], -10 + 20 * pulses.time, atol=1e-9)
     assert abs(pulses.direction[:, :2].mean(axis=0)).max() < 1e-9  # ten whole turns

@@ -38,7 +38,7 @@ from headless.surveys import (
     sensor_of_survey,
 )
 
-from .test_export import FLIGHT, LEG, written
+from .test_export import FLIGHT, LEG, sent, written
 
 MOTION = """<part dynStep="3">
 <dmotion id="a" loop="2" next="b"><motion type="translation" vec="1;0;0.5"/></dmotion>
@@ -172,15 +172,12 @@ def test_track_gives_place_and_attitude_and_jumps_where_times_are_twice(tmp_path
     text = text[:start] + legs + text[text.index("</survey>") :]
     text = text.replace('platform="library.xml#tripod"', 'platform="interpolated"')
     file.write_text(text.replace('name="n"', 'name="n" basePlatform="library.xml#tripod"'))
-    survey = read_survey(file)
-    north, east = (SurveyLeg(survey, leg) for leg in survey.legs)
-    assert north.count > 1000
     mount = np.array([0, 0, 1.7])
-    for pattern, ahead, place in (
-        (north, [0, 1, 0], [0, -40, 50]),
-        (east, [1, 0, 0], [-40, 0, 60]),
+    for number, (ahead, place) in enumerate(
+        (([0, 1, 0], [0, -40, 50]), ([1, 0, 0], [-40, 0, 60]))  # north, east
     ):
-        pulses = pattern.pulses(np.arange(pattern.count))
+        pulses = sent(file, number)
+        assert len(pulses.time) > 1000
         way = pulses.time[:, None] * 16 * np.array(ahead)
         np.testing.assert_allclose(pulses.origin, place + way + mount, atol=1e-9)
         np.testing.assert_allclose(np.cross(ahead, [0, 0, 1]) @ pulses.direction.T, 0, atol=1e-12)
@@ -189,16 +186,14 @@ def test_track_gives_place_and_attitude_and_jumps_where_times_are_twice(tmp_path
 
 def test_platform_settings_of_turns_change_nothing_on_a_straight_line(tmp_path: Path) -> None:
     legs = FLIGHT.replace('movePerSec_m="20"', 'movePerSec_m="20" stopAndTurn="true"')
-    survey = read_survey(written(tmp_path, legs, "plane", "cone"))
-    assert SurveyLeg(survey, survey.legs[0]).count == 1000
+    assert len(sent(written(tmp_path, legs, "plane", "cone")).time) == 1000
 
 
 def test_swinging_scanner_runs_and_windows_paths_are_read(tmp_path: Path) -> None:
     file = written(tmp_path, LEG, "tripod", "swing")
     file.write_text(file.read_text().replace("scene.xml#s", ".\\scene.xml#s"))
-    survey = read_survey(file)
     with pytest.raises(SpecError, match="202"):  # 1 kHz of pulses and 10 swings a second
-        SurveyLeg(survey, survey.legs[0])
+        sent(file)
 
 
 def test_materials_say_ground_reflectance_and_spectrum(tmp_path: Path) -> None:
@@ -548,24 +543,26 @@ SWAPS = """<swap swapStep="2"><filter type="scale"><param key="scale" value="6"/
 <swap force_null="true"/>"""
 
 
-def test_swapped_parts_stand_for_their_plays(tmp_path: Path) -> None:
-    plays = read_survey(written(tmp_path, extra=SWAPS)).plays
-    assert [len(play.parts) for play in plays] == [2, 2, 2, 1]
-    assert [len(play.reflectance) for play in plays] == [2, 2, 2, 1]
-    low = [play.parts[1].corners.min(axis=(0, 1)) for play in plays[:3]]
-    # 3 m turned by 90 degrees is -3..0, 0..3 about (10, 0); 6 m turned by 180 is -6..0, -6..0
-    np.testing.assert_allclose(low, [[7, 0, 2], [4, -6, 2], [4, -6, 2]], atol=1e-12)
-
-
 INDEXED = """<swap swapIndices="[4]" force_null="true"/>
 <swap swapIndices="[2, 3]"><filter type="scale"><param key="scale" value="6"/></filter></swap>"""
 
 
-def test_swaps_may_say_which_plays_are_theirs(tmp_path: Path) -> None:
-    plays = read_survey(written(tmp_path, extra=INDEXED)).plays
-    assert [len(play.parts) for play in plays] == [2, 2, 2, 2, 1]
-    size = [float(np.ptp(play.parts[1].corners[..., 0])) for play in plays[:4]]
-    assert size == pytest.approx([3, 3, 6, 6])  # the baseline stands in play 1, which none names
+@pytest.mark.parametrize(
+    ("swaps", "low"),
+    [
+        # 3 m turned by 90 degrees is -3..0, 0..3 about (10, 0); 6 m turned by 180 is -6..0, -6..0
+        (SWAPS, [[7, 0, 2], [4, -6, 2], [4, -6, 2]]),
+        # 6 m turned by 90 degrees; the baseline stands in play 1 too, which none names
+        (INDEXED, [[7, 0, 2], [7, 0, 2], [4, 0, 2], [4, 0, 2]]),
+    ],
+    ids=["in turn", "by number"],
+)
+def test_swapped_parts_stand_for_their_plays(tmp_path: Path, swaps: str, low: list) -> None:
+    *shown, last = read_survey(written(tmp_path, extra=swaps)).plays
+    assert [len(play.parts) for play in shown] == [len(play.reflectance) for play in shown]
+    assert len(last.parts) == len(last.reflectance) == 1
+    found = [play.parts[1].corners.min(axis=(0, 1)) for play in shown]
+    np.testing.assert_allclose(found, low, atol=1e-12)
 
 
 def test_each_play_goes_to_files_of_its_own(

@@ -408,6 +408,7 @@ def interrupt_when(process, ready, patience=900):
         assert process.poll() is None, process.communicate()[1]
         assert time.monotonic() < end
         time.sleep(0.05)
+    time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     return ended(process)
 
@@ -418,15 +419,7 @@ def test_ctrl_c_ends_a_long_render(tmp_path):
     picture = 'preview = "cycles"\npreview_size = [800, 600]\npreview_samples = 65536\n'
     scene = without_sensors(tmp_path, picture)
     out = tmp_path / "o"
-    process = start("run", scene, "--out", out)
-
-    def rendering():
-        if not (out / "run.json").exists():
-            return False
-        time.sleep(0.5)
-        return True
-
-    code, said = interrupt_when(process, rendering)
+    code, said = interrupt_when(start("run", scene, "--out", out), (out / "run.json").exists)
     assert code == 130
     assert "interrupted; finished files are kept" in said
     assert all((out / name).exists() for name in ("forest.blend", "run.json"))
