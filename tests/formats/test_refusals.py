@@ -145,6 +145,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("read", "name", "content", "words"),
     [(read, *row) for read, rows in REFUSED.items() for row in rows],

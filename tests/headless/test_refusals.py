@@ -210,17 +210,20 @@ def refused(headless, folder, monkeypatch):
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "said"), WORDS)
 def test_words_that_cannot_be_used(refused, words, said):
     assert said in refused(words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "said"), SCENES)
 def test_scenes_that_cannot_be_used(refused, folder, scene, said):
     (folder / "s.toml").write_text(scene)
     assert said in refused("run s.toml --out o --quiet --convolve dry.wav")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("table", "words", "said"), MAPS)
 def test_maps_that_cannot_be_used(refused, folder, table, words, said):
     (folder / "t.csv").write_text(table)
