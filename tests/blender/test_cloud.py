@@ -41,7 +41,7 @@ from references.scenes import add_collection, add_mesh, reopened, values
 from scipy.io import wavfile
 
 from forest_addon.blender.scene.layout import COLOUR_BY, COLOUR_MAP, SHARE
-from forest_addon.blender.scene.nodes import choose_input, drawn_inputs, set_input
+from forest_addon.blender.scene.nodes import choose_input, chosen_input, drawn_inputs, set_input
 from forest_addon.blender.show.cloud import show_cloud
 from forest_addon.blender.show.cloud_nodes import (
     HIGHEST,
@@ -93,12 +93,11 @@ def test_every_value_of_a_return_is_an_attribute(empty_blender, cloud):
 @pytest.mark.medium
 @pytest.mark.parametrize("choice", ["organ", *NUMBERS, *MEASURES])
 def test_any_attribute_colours_the_points(empty_blender, cloud, choice):
-    group = show_cloud(bpy.context.scene.collection, "a", cloud).modifiers[0].node_group
-    assert all(link.is_valid for link in group.links)
-    menu = next(item for item in group.interface.items_tree if item.name == "Colour By")
-    assert menu.default_value == "Organ"
-    menu.default_value = choice.replace("_", " ").title()
-    obj = show_cloud(bpy.context.scene.collection, "b", cloud)  # takes the menu's default
+    obj = show_cloud(bpy.context.scene.collection, "a", cloud)
+    (modifier,) = obj.modifiers
+    assert all(link.is_valid for link in modifier.node_group.links)
+    assert chosen_input(modifier, COLOUR_BY) == "Organ"
+    choose_input(modifier, COLOUR_BY, choice.replace("_", " ").title())
     colour = shown(obj)
     assert len(colour) == len(cloud)
     assert np.isfinite(colour).all()
@@ -118,7 +117,7 @@ def test_the_scale_runs_from_the_smallest_to_the_largest(empty_blender, cloud):
     group = show_cloud(bpy.context.scene.collection, "a", cloud).modifiers[0].node_group
     menu = next(item for item in group.interface.items_tree if item.name == "Colour By")
     menu.default_value = "Distance"
-    colour = shown(show_cloud(bpy.context.scene.collection, "b", cloud))
+    colour = shown(show_cloud(bpy.context.scene.collection, "b", cloud))  # takes the menu's default
     assert colour[np.argmin(cloud.true_range), :3] == pytest.approx([0.09, 0.0, 0.16], abs=1e-3)
     assert colour[np.argmax(cloud.true_range), :3] == pytest.approx([0.98, 0.80, 0.02], abs=1e-3)
 
