@@ -12,6 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from hypothesis import given, settings, strategies as st
+from mathutils import Vector
 from references.scenes import add_collection, link, reopened
 from ui import test_panels
 from ui.pressing import add_cube
@@ -166,40 +167,36 @@ def test_a_scene_replaces_what_was_there(props):
     assert not bpy.data.speakers
 
 
-@given(
-    azimuth=st.floats(-179, 179).map(lambda x: round(x, 3)),
-    elevation=st.floats(-89, 89).map(lambda x: round(x, 3)),
-    place=st.tuples(*[st.floats(-1e3, 1e3).map(lambda x: round(x, 3))] * 3),
-)
-@IN_BLENDER
-def test_a_pose_comes_back_from_the_transform(props, azimuth, elevation, place):
-    sonar = spec.Sonar(position=place, azimuth_deg=azimuth, elevation_deg=elevation)
-    obj = exchange.add_sensor(bpy.context.scene, sonar)
-    bpy.context.view_layer.update()
-    back = exchange.sensor_of(obj)
-    bpy.data.objects.remove(obj)
-    assert back.position == place
-    assert back.azimuth_deg == pytest.approx(azimuth, abs=2e-4)
-    assert back.elevation_deg == pytest.approx(elevation, abs=2e-4)
+def rounded(low, high):
+    return st.floats(low, high).map(lambda x: round(x, 3))
 
 
+@pytest.mark.parametrize(
+    ("kind", "names", "ahead"),
+    [
+        ("sonar", ("azimuth_deg", "elevation_deg", "position"), (1, 0, 0)),
+        ("reverb", ("facing_azimuth_deg", "facing_elevation_deg", "source"), (0, 0, -1)),
+    ],
+)
 @given(
-    azimuth=st.floats(-179, 179).map(lambda x: round(x, 3)),
-    elevation=st.floats(-89, 89).map(lambda x: round(x, 3)),
+    azimuth=rounded(-179, 179),
+    elevation=rounded(-89, 89),
+    place=st.tuples(rounded(-1e3, 1e3), rounded(-1e3, 1e3), rounded(0.001, 1e3)),
 )
 @IN_BLENDER
-def test_a_speaker_sends_along_its_minus_z(props, azimuth, elevation):
-    reverb = spec.Reverb(facing_azimuth_deg=azimuth, facing_elevation_deg=elevation)
-    obj = exchange.add_sensor(bpy.context.scene, reverb)
+def test_a_pose_comes_back_from_the_transform(props, kind, names, ahead, azimuth, elevation, place):
+    """ahead : where an object looks or sends in its own frame; a speaker along its minus Z."""
+    sensor = spec.SENSORS[kind](**dict(zip(names, (azimuth, elevation, place), strict=True)))
+    obj = exchange.add_sensor(bpy.context.scene, sensor)
     bpy.context.view_layer.update()
-    sent = -obj.matrix_world.col[2].to_3d()
-    back = exchange.sensor_of(obj)
+    way, back = obj.matrix_world.to_3x3() @ Vector(ahead), exchange.sensor_of(obj)
     sensors.remove_sensor(obj)
     up, turn = math.radians(elevation), math.radians(azimuth)
     along = (math.cos(up) * math.cos(turn), math.cos(up) * math.sin(turn), math.sin(up))
-    assert tuple(sent) == pytest.approx(along, abs=1e-6)
-    assert back.facing_azimuth_deg == pytest.approx(azimuth, abs=2e-4)
-    assert back.facing_elevation_deg == pytest.approx(elevation, abs=2e-4)
+    assert tuple(way) == pytest.approx(along, abs=1e-6)
+    found = [getattr(back, name) for name in names]
+    assert found[:2] == pytest.approx([azimuth, elevation], abs=2e-4)
+    assert found[2] == place
 
 
 def test_a_reverb_without_its_receiver_is_named(props):
