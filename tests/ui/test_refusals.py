@@ -145,10 +145,18 @@ REFUSED = [
 
 
 def state(props):
-    """How many blocks there are, where trees stand, what was found, and the mode."""
+    """How many blocks there are, where trees stand, what is set and was found, and the mode."""
     places = {tree.name: tree.matrix_world.copy() for tree in trees()}
     found = {result.name: facts(props, result.name) for result in props.results}
-    return counts(), places, found, bpy.context.mode
+    settings = [said(group) for group in (props, props.forest, props.wind, *props.plantings)]
+    return counts(), places, found, settings, bpy.context.mode
+
+
+def said(group):
+    """The settings of a group, but for groups within it."""
+    plain = [p for p in group.bl_rna.properties if p.type not in ("POINTER", "COLLECTION")]
+    values = {known.identifier: getattr(group, known.identifier) for known in plain}
+    return {k: tuple(v) if type(v).__name__ == "bpy_prop_array" else v for k, v in values.items()}
 
 
 @pytest.mark.slow
