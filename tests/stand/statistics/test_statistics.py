@@ -288,8 +288,8 @@ MADE = {  # a planting and the side of its field
     # 43 groups in the window; of which shape they are, 220 trees hardly say.
     "groups": (EVEN.changed(expected=220, layout="clusters", clusters=CLUSTERS), 85),
     "apart": (
-        EVEN.changed(layout="strauss", strauss=Strauss(radius=3.0, gamma=0.05)),
-        60,
+        EVEN.changed(expected=90, layout="strauss", strauss=Strauss(radius=3.0, gamma=0.05)),
+        47,
     ),
 }
 
