@@ -171,7 +171,7 @@ INSIDE = {
     "Density": "forest_addon.sensing.reverb.forest.transport:Density",
     "PhaseFunction": "forest_addon.sensing.reverb.forest.transport:PhaseFunction",
     "Sent": "forest_addon.sensing.reverb.forest.transport:Sent",
-    "transported": "forest_addon.sensing.reverb.forest.transport:transported",
+    "transported_bands": "forest_addon.sensing.reverb.forest.transport:transported_bands",
     "metrics": "forest_addon.sensing.reverb.metrics:",
     "clarity_db": "forest_addon.sensing.reverb.metrics:clarity_db",
     "energy_decay_db": "forest_addon.sensing.reverb.metrics:energy_decay_db",

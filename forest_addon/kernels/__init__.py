@@ -81,7 +81,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
         ],
         None,
     ),
-    "send_rays": ([ctypes.c_void_p, ctypes.c_void_p, _count, _int64s, _floats, _count], None),
+    "send_rays": ([ctypes.c_void_p, ctypes.c_void_p, _count, _floats, _count], None),
     "weigh_echoes": (
         [_count, _count, _int64s, _count, _doubles, _count, _doubles, _doubles, _complexes],
         None,

@@ -183,8 +183,8 @@ void cast_rays(const struct cast_scene *scene, int64_t count, const double *orig
     }
 }
 
-void send_rays(intersect1 intersect, void *tree, int64_t count, const int64_t *row, float *rays, int64_t size)
+void send_rays(intersect1 intersect, void *tree, int64_t count, float *rays, int64_t size)
 {
     for (int64_t i = 0; i < count; i++)
-        intersect(tree, rays + size * row[i], NULL);
+        intersect(tree, rays + size * i, NULL);
 }

@@ -76,9 +76,8 @@ KERNEL void cast_rays(const struct cast_scene *scene, int64_t count, const doubl
                       const int64_t *left_instance, const int64_t *left_triangle, double *distance,
                       int64_t *instance, int64_t *triangle, double *normal);
 
-/* Sends rays of a table, RTCRayHit of ``size`` float32 each, into an Embree scene: ``row`` (count) says which. */
-KERNEL void send_rays(intersect1 intersect, void *tree, int64_t count, const int64_t *row, float *rays,
-                      int64_t size);
+/* Sends the rays of a table, RTCRayHit of ``size`` float32 each, into an Embree scene. */
+KERNEL void send_rays(intersect1 intersect, void *tree, int64_t count, float *rays, int64_t size);
 
 /* The amplitudes of scatterers, into values (nodes, count) complex, at wavenumbers (nodes), 1/m.
  *

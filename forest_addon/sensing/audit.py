@@ -44,11 +44,16 @@ class AuditPart:
 
     def drawn(self, rng: np.random.Generator) -> np.ndarray:
         """Numbers (N,), ascending: one from each of ``count`` equal stretches, and ``also`` others."""
-        if self.count is None or self.count >= self.of:
-            return np.arange(self.of)
-        ends = np.arange(self.count + 1) * self.of // self.count
-        number = rng.integers(ends[:-1], ends[1:])
-        return np.unique(number) if self.also is None else np.union1d(number, self.also)
+        number = one_of_each(self.of, self.of if self.count is None else self.count, rng)
+        return number if self.also is None else np.union1d(number, self.also)
+
+
+def one_of_each(of: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Numbers (N,) below ``of``, ascending: one from each of ``count`` equal stretches, or all."""
+    if count >= of:
+        return np.arange(of)
+    ends = np.arange(count + 1) * of // count
+    return np.asarray(rng.integers(ends[:-1], ends[1:]))
 
 
 def held(parts: Sequence[AuditPart], rng: np.random.Generator, seconds: float) -> Audit:
@@ -105,6 +110,12 @@ def shares(
         apart = np.abs(np.subtract(one, other, dtype=np.result_type(one, other, np.float64))) / size
     same = (one == other) | (np.isnan(one) & np.isnan(other))
     return np.where(same, 0.0, np.where(np.isnan(apart), np.inf, apart))
+
+
+def share_off(found: np.ndarray, exact: np.ndarray) -> float:
+    """L2 norm of a difference, as a share of the exact; 0 of silence."""
+    whole = float(np.linalg.norm(exact))
+    return float(np.linalg.norm(found - exact)) / whole if whole > 0 else 0.0
 
 
 @dataclass(frozen=True)

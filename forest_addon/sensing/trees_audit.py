@@ -78,14 +78,8 @@ def part_of_tubes(trees: Sequence[tuple[Tree, float]], rng: np.random.Generator)
 def part_of_leaves(forest: GrownForest, scene: SceneGeometry, share: float) -> AuditPart:
     """Trees as they stand in an evaluated scene, ``share`` of which are looked at, one at least, leaf by
     leaf; one with a leaf that is missing is infinitely far off."""
-    rows = {int(tree): row for row, tree in enumerate(forest.stand.id)}
-    pairs = {
-        int(scene.mesh_index[instance]): rows[int(scene.tree[instance])]
-        for instance in np.flatnonzero(scene.tree >= 0)
-        if int(scene.tree[instance]) in rows
-        and not (scene.asset and scene.asset[scene.mesh_index[instance]])  # of a library, not ours
-    }
-    trees = [(mesh, row, forest.variant_of(row)) for mesh, row in pairs.items()]
+    pairs = rows_of_meshes(forest, scene).items()
+    trees = [(mesh, row, forest.variant_of(row)) for mesh, row in pairs]
     needles = [species.needles is not None for species in forest.species]
     known = [
         (mesh, tree, needles[int(forest.stand.species[row])])
@@ -105,6 +99,17 @@ def part_of_leaves(forest: GrownForest, scene: SceneGeometry, share: float) -> A
     kind = what, ROUNDING * max(far, 1.0), "m"
     count = max(1, math.ceil(min(share, 1.0) * len(known)))
     return AuditPart(len(known), look, (kind,), count, exact=True)
+
+
+def rows_of_meshes(forest: GrownForest, scene: SceneGeometry) -> dict[int, int]:
+    """A tree of a forest, by its row, for each mesh of a scene that is one's."""
+    rows = {int(tree): row for row, tree in enumerate(forest.stand.id)}
+    return {
+        int(scene.mesh_index[instance]): rows[int(scene.tree[instance])]
+        for instance in np.flatnonzero(scene.tree >= 0)
+        if int(scene.tree[instance]) in rows
+        and not (scene.asset and scene.asset[scene.mesh_index[instance]])  # of a library, not ours
+    }
 
 
 def _leaf_errors(tree: Tree, measured: FoliageDiscs, shoots: bool) -> np.ndarray:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from forest_addon import api as forest
 from forest_addon.base.progress import Say
@@ -27,8 +26,7 @@ from .sensors import SWEEPS, AccuracySweep, Meshes, Point
 FLOOR = 1e-16  # an error of 0 is drawn here
 COLUMNS = 2
 WIDE = 34  # letters of a line of the key
-ROOM, LEAST = 0.08, 1.3  # share of the decades, and decades
-FEW = 100.0  # times
+ROOM = 0.08  # of an axis, at each end
 
 
 def run(chosen: argparse.Namespace) -> None:
@@ -67,22 +65,20 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
                 sweeps.append(sweep(sensor, observer, scene, meshes, Path()))
     if not sweeps:
         return
-    chosen = [sweep.choice(error, seconds) for sweep in sweeps]
     for sweep in sweeps:
         _tell(sweep, error, seconds, say)
     _write(sweeps, out / "accuracy.csv")
     columns = min(len(sweeps), COLUMNS)
     rows = math.ceil(len(sweeps) / columns)
     figure = blank_figure((6.6 * columns, 3.7 * rows))
-    for number, (sweep, best) in enumerate(zip(sweeps, chosen, strict=True)):
-        _draw(figure.add_subplot(rows, columns, number + 1), sweep, best)
+    better, engines = {}, set()
+    for number, sweep in enumerate(sweeps, 1):
+        best = sweep.choice(error, seconds)
+        _draw(figure.add_subplot(rows, columns, number), sweep, best)
+        better[sweep.sensor.name] = replace(sweep.sensor, **best.changes)
+        engines |= {best.engine} - {""}
     save_figure(figure, out / "accuracy.png")
-    better = {
-        sweep.sensor.name: replace(sweep.sensor, **point.changes)
-        for sweep, point in zip(sweeps, chosen, strict=True)
-    }
     sensors = tuple(better.get(sensor.name, sensor) for sensor in scene.sensors)
-    engines = {point.engine for point in chosen if point.engine}
     rays = replace(scene.rays, engine=engines.pop()) if len(engines) == 1 else scene.rays
     write_settings(out / "recommended.toml", scene.changed(sensors=sensors, rays=rays))
     say(f"\nWrote {out / 'accuracy.png'}, accuracy.csv and recommended.toml.")
@@ -132,57 +128,41 @@ def _draw(axes: Axes, sweep: AccuracySweep, best: Point) -> None:
     axes.plot([p.seconds for p in front], [_height(p) for p in front], color=FAINT, zorder=1)
     key = []
     for number, point in enumerate(sorted(sweep.all, key=lambda p: p.seconds), 1):
+        place = point.seconds, _height(point)
         colour = RED if point is sweep.today else INK
-        low = min(point.spread, 0.9 * _height(point)) or None
-        axes.errorbar(point.seconds, _height(point), yerr=low, fmt="none", ecolor=colour, zorder=2)
-        ring = {"mec": LEAF_GREEN, "mew": 2.5} if point is best else {"mec": "white", "mew": 0.8}
-        inner = "white"
+        low = min(point.spread, 0.9 * place[1]) or None
+        axes.errorbar(*place, yerr=low, fmt="none", ecolor=colour, zorder=2)
+        disc = {"color": colour, "mec": "white", "mew": 0.8}
+        if point is best:
+            disc |= {"mec": LEAF_GREEN, "mew": 2.5}
         if point.elsewhere:  # hollow: no setting of the scene file
-            ring, inner, colour = {"mec": INK, "mew": 1.2}, INK, "white"
-        axes.plot(point.seconds, _height(point), "o", ms=12, color=colour, zorder=3, **ring)
+            disc = {"color": "white", "mec": INK, "mew": 1.2}
+        axes.plot(*place, "o", ms=12, zorder=3, **disc)
         axes.annotate(
             str(number),
-            (point.seconds, _height(point)),
-            color=inner,
+            place,
+            color=INK if point.elsewhere else "white",
             fontsize=8,
             ha="center",
             va="center_baseline",
             zorder=4,
         )
         roles = (("today", sweep.today), ("recommended", best))
-        said = " and ".join(role for role, one in roles if point is one)
-        said = said or (point.elsewhere and f"hollow: {point.elsewhere}")
-        if point.error == 0:
-            said = f"{said}; off by 0" if said else "off by 0"
-        words = f"{number}  {point.label}" + (f"\n    ({said})" if said else "")
-        key.append(Line2D([], [], marker="o", ls="", ms=8, color=colour, label=words, **ring))
-    heights, seconds = [_height(p) for p in sweep.all], [p.seconds for p in sweep.all]
+        said = [" and ".join(role for role, one in roles if point is one)]
+        said += [point.elsewhere and f"hollow: {point.elsewhere}", "off by 0" * (point.error == 0)]
+        told = "; ".join(filter(None, said))
+        words = f"{number}  {point.label}" + (f"\n    ({told})" if told else "")
+        key.append(Line2D([], [], marker="o", ls="", ms=8, label=words, **disc))
     if sweep.model is not None and sweep.model[0] > 0:
         axes.axhline(sweep.model[0], color=RED, ls=":", lw=1)
-        heights.append(sweep.model[0])
         words = textwrap.fill(f"the model itself: {sweep.model[1]}", WIDE, subsequent_indent="    ")
         key.append(Line2D([], [], color=RED, ls=":", label=words))
     axes.set(xscale="log", yscale="log", xlabel="CPU seconds")
-    axes.set_xlim(*_around(seconds))
-    axes.set_ylim(*_around(heights))
+    axes.margins(ROOM)
     axes.set_title(f"{sweep.sensor.name}: {sweep.what}")
     axes.set_ylabel("error" + (f", {sweep.unit}" if sweep.unit else ", share"))
-    for axis, values in ((axes.xaxis, seconds), (axes.yaxis, heights)):
-        low, high = _around(values)
-        few = high / low < FEW  # decades: numbers between them too
-        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0) if few else tuple(range(2, 10))))
-        axis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:.1g}") if few else NullFormatter())
-        if few:
-            axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:.1g}"))
     axes.legend(handles=key, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
 def _height(point: Point) -> float:
-    return max(point.error, FLOOR) if math.isfinite(point.error) else FLOOR
-
-
-def _around(values: list[float]) -> tuple[float, float]:
-    """Limits around values with room for a mark, at least LEAST decades apart."""
-    low, high = math.log10(min(values)), math.log10(max(values))
-    more = max(ROOM * (high - low), (LEAST - (high - low)) / 2)
-    return 10.0 ** (low - more), 10.0 ** (high + more)
+    return point.error if FLOOR < point.error < math.inf else FLOOR

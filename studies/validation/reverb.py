@@ -42,7 +42,7 @@ from ..inside import (
     save_figure,
     scattered_fields,
     stream,
-    transported,
+    transported_bands,
 )
 from .recordings import (
     BANDS as RANGE_BANDS,
@@ -168,7 +168,15 @@ def _ways(
             source = 0.3 * case.extent * np.array([math.cos(turn), math.sin(turn)])
             for side in (1.0, -1.0):
                 receiver = source + side * case.distance * np.array([0.6, 0.8])
-                energy = transported(phase, density, source, receiver, edges, PACKETS // 4, rng)
+                (energy,) = transported_bands(
+                    [phase],
+                    density,
+                    (source, receiver),
+                    edges,
+                    [len(middle)],
+                    PACKETS // 4,
+                    rng,
+                )
                 total += energy.once + energy.again
         found.append((name, total * middle / (2.0 * case.sources)))  # in the plane: 2πP
     return found

@@ -290,16 +290,14 @@ def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> n
     return rays
 
 
-def send(
-    library: ctypes.CDLL, top: int, rays: np.ndarray, some: np.ndarray | slice = slice(None)
-) -> None:
-    """Send some of the rays into a scene, one by one: packets would find other faces at edges."""
-    rows, kernel = np.arange(len(rays))[some], kernels.library()
+def send(library: ctypes.CDLL, top: int, rays: np.ndarray) -> None:
+    """Send rays into a scene, one by one: packets would find other faces at edges."""
+    kernel = kernels.library()
     if kernel is not None:
         intersect = ctypes.cast(library.rtcIntersect1, ctypes.c_void_p)
-        kernel.send_rays(intersect, top, len(rows), rows, rays, rays.shape[1])
+        kernel.send_rays(intersect, top, len(rays), rays, rays.shape[1])
         return
-    places = rays.ctypes.data + rays.strides[0] * rows
+    places = rays.ctypes.data + rays.strides[0] * np.arange(len(rays))
     deque(map(library.rtcIntersect1, repeat(top), places.tolist(), repeat(None)), maxlen=0)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ...base.runs import numbered
 from ...base.vectors import beside_segments, unit
 from ..mesh.leaves import Leaves
-from ..skeleton import LeafSites, Skeleton, frustums
+from ..skeleton import LeafSites, Skeleton
 from .beams import GreenWood, Members, Modes, members_of, point_masses, standing_modes
 
 MODES = 12
@@ -35,7 +35,6 @@ class SwayShape:
 
     members : its reduced skeleton. modes : of its nodes. seats : of its leaves. leafy, woody : (B,) m² that
     the wind meets of leaves (half of their one-sided area) and of wood, by member.
-    mass, leaf_mass : kg of all of it, and of its leaves.
     """
 
     skeleton: Skeleton
@@ -44,8 +43,6 @@ class SwayShape:
     seats: LeafSites
     leafy: np.ndarray
     woody: np.ndarray
-    mass: float
-    leaf_mass: float
 
     def at_members(self) -> tuple[np.ndarray, np.ndarray]:
         """Middles (B, 3) of members and their modes (B, M, 3)."""
@@ -104,7 +101,6 @@ def shape_with(
     load = point_masses(node, carried, middle - members.nodes[node], len(members) + 1)
     length = skeleton.length
     count = len(members)
-    kept = frustums(members.length, members.radius).sum() * wood.density
     return SwayShape(
         skeleton=skeleton,
         members=members,
@@ -112,8 +108,6 @@ def shape_with(
         seats=seats or LeafSites.none(),
         leafy=np.bincount(own, SHARE_OF_CIRCLE * wood.one_sided * leaf_area, minlength=count),
         woody=np.bincount(own, length * skeleton.radius.sum(axis=1), minlength=count),
-        mass=float(kept + carried.sum()),
-        leaf_mass=float(wood.leaf_mass * leaf_area.sum()),
     )
 
 

@@ -122,8 +122,7 @@ def parts_of_drive(
         def look(number: np.ndarray) -> np.ndarray:
             beam = among[number]
             rays = beam_rays(tractor, *np.divmod(beam, len(found.angle)))
-            nearest = again.cast(*rays, tractor.max_range).distance.reshape(len(beam), -1)
-            some, nearest = returns.select(beam), nearest.min(axis=1)
+            some, nearest = returns.select(beam), beam_ranges(tractor, again, beam)
             ours = some.select(np.repeat(np.arange(len(beam)), len(rays[0]) // len(beam)))
             there = float64.meets(*rays, _named(true, ours), edge=exact.edge)
             at_it = shares(there, ours.distance, 1.0) <= exact.edge
@@ -155,13 +154,19 @@ def parts_of_drive(
     ]
 
 
-def ray_errors(
-    caster: RayCaster, origins: np.ndarray, directions: np.ndarray, reach: float
-) -> np.ndarray:
-    """(R,) metres between what an engine and float64 find; a miss counts as a hit at ``reach``."""
-    ours = np.minimum(caster.cast(origins, directions, reach).distance, reach)
-    right = np.minimum(Referee(caster).cast(origins, directions, reach).distance, reach)
-    return np.abs(ours - right)
+def first_ranges(scan: Scan, number: np.ndarray) -> np.ndarray:
+    """(P,) metres of the first returns of pulses (P,), ascending; inf where there is none."""
+    cloud, ranges = scan.look_at(number), np.full(len(number), np.inf)
+    first = cloud.number == 1
+    ranges[np.searchsorted(number, cloud.pulse[first])] = cloud.true_range[first]
+    return ranges
+
+
+def beam_ranges(tractor: Tractor, caster: RayCaster, number: np.ndarray) -> np.ndarray:
+    """(B,) metres of what a tractor's beams (B,) meet first, inf where nothing."""
+    rays = beam_rays(tractor, *np.divmod(number, len(fan(tractor))))
+    distance = caster.cast(*rays, tractor.max_range).distance
+    return np.asarray(distance.reshape(len(number), -1).min(axis=1))
 
 
 def _out_of_order(scan: Scan, cloud: Cloud) -> np.ndarray:

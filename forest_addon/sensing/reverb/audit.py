@@ -51,6 +51,7 @@ PIECE, MARGIN = 0.1, 0.04  # s of a later piece; before it in which trunks still
 OF_PIECE = 0.01  # of a piece's norm
 DRIFT = 4  # degree of what is slower than LOWEST in a piece
 PIECES = 8
+OF_OCTAVE = "of the octave"  # and of the whole and its tenths: what a tolerance is given in
 
 
 def parts_of_response(
@@ -269,14 +270,14 @@ def _trunks(channel: Channel, share: float) -> list[AuditPart]:
         return octave_errors(apart, trees, rate, LOWEST, LOW)[1:].max(keepdims=True)
 
     seconds = f"{part / rate:.2g} s of the trunks' sound by the direct sum"
-    kind = seconds, channel.allowed, "of the octave"
+    kind = seconds, channel.allowed, OF_OCTAVE
     parts.append(AuditPart(1, early, (kind,), exact=part == count))
     if part == count:
         return parts
     slow = bands_of(rate, float(paths.radius.max()), channel.speed, channel.allowed)[0].ringing
     bins = 4 * LOW * (count / rate + slow)
     if len(earliest) * bins <= most and count / rate >= SMOOTH:
-        kind = f"octaves up to {LOW:g} Hz by the direct sum", channel.allowed, "of the octave"
+        kind = f"octaves up to {LOW:g} Hz by the direct sum", channel.allowed, OF_OCTAVE
         parts.append(AuditPart(1, low, (kind,)))
     losses = channel.pair.losses
     lossy = losses is not None and losses.among_leaves  # early trunks are louder than late pieces

@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 from ...acoustics.multiple import LARGEST, scattered_field, unknowns
 from ...base.progress import Progress
 from ...spec import Air
+from ..audit import share_off
 from .sums.scattering import trunk_paths
 from .trunks import Trunks
 
@@ -44,8 +45,7 @@ class ModelError:
     @property
     def relative(self) -> float:
         """L2 norm of the difference over that of the exact field; 0 without trunks."""
-        whole = float(np.linalg.norm(self.every))
-        return float(np.linalg.norm(self.once - self.every)) / whole if whole > 0 else 0.0
+        return share_off(self.once, self.every)
 
     @property
     def level_db(self) -> float:

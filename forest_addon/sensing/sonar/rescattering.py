@@ -27,6 +27,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ...acoustics.disc import jinc
+from ..audit import share_off
 from .calls import Band
 from .leaves import LeafEchoes, subdued
 from .search import SearchGroup
@@ -66,7 +67,7 @@ class Rescattering:
     @property
     def relative(self) -> float:
         """L2 norm of the difference over that of the solved field."""
-        return float(np.linalg.norm(self.shaded - self.every) / np.linalg.norm(self.every))
+        return share_off(self.shaded, self.every)
 
     @property
     def later(self) -> float:

@@ -139,7 +139,7 @@ def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path, monkeypatch, qui
 
     path = tmp_path / "small.toml"
     path.write_text(SCENE, encoding="utf-8")
-    for name, few in (("NEAREST", 20), ("BLOCKS", 8), ("MANY_TRUNKS", 2000)):
+    for name, few in (("NEAREST", 20), ("PULSES", 256), ("MANY_TRUNKS", 2000)):
         monkeypatch.setattr(f"headless.accuracy.sensors.{name}", few)
     said = []
     sweep_scene(path, tmp_path / "out", error=1e-2, seconds=60, say=said.append)

@@ -9,10 +9,16 @@ from references.rays import BruteCaster, ordinary, scene_with
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.sensing.audit import Check, held
-from forest_addon.sensing.lidar.audit import parts_of_drive, parts_of_scan, ray_errors
+from forest_addon.sensing.lidar.audit import (
+    beam_ranges,
+    first_ranges,
+    parts_of_drive,
+    parts_of_scan,
+)
 from forest_addon.sensing.lidar.cloud import join
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.tractor import drive
+from forest_addon.sensing.rays.exact import Referee
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Rays, Surfaces, Terrestrial, Tractor
 
@@ -84,6 +90,22 @@ def test_light_that_passes_leaves_is_followed_too():
     assert not audit(Scan(looks, behind), scan(looks, behind)).kept
 
 
+def test_ranges_of_some_pulses_are_those_of_the_whole():
+    caster, some = BruteCaster(scene()), np.arange(3, 400, 7)
+    looks = Terrestrial(position=(0, 0, 0), angle_step_deg=5, beam=Beam(subrays=3))
+    first = {pulse: r for pulse, n, r in zip(*columns(scan(looks, caster)), strict=True) if n == 1}
+    whole = [first.get(pulse, np.inf) for pulse in some.tolist()]
+    assert first_ranges(Scan(looks, caster), some) == pytest.approx(whole, rel=1e-12)
+    drives = Tractor(position=(-4, -4, 0), track=6, step=0.5, angle_step_deg=5, splits=2)
+    found = drive(drives, caster).distance.ravel()
+    assert np.isfinite(found[some[:20]]).any()
+    assert beam_ranges(drives, caster, some[:20]) == pytest.approx(found[some[:20]], rel=1e-12)
+
+
+def columns(cloud):
+    return cloud.pulse.tolist(), cloud.number.tolist(), cloud.true_range.tolist()
+
+
 def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
     """Strips of ground across the drive: the rays of a beam meet one each, at the same distance."""
     edge = np.arange(-4.0, 4.0, 0.3)
@@ -148,6 +170,12 @@ def test_a_drive_along_the_lines_of_a_grid_of_ground_is_right():
     other = np.where(found.returns.triangle < 0, -1, (found.returns.triangle + 9) % len(cells))
     moved = replace(found, returns=replace(found.returns, triangle=other))
     assert not audit_of_drive(drives, moved, caster).kept
+
+
+def ray_errors(caster, origins, ways, reach):
+    """(R,) metres between an engine and float64; a miss counts as a hit at ``reach``."""
+    both = (one.cast(origins, ways, reach).distance for one in (caster, Referee(caster)))
+    return np.abs(np.subtract(*(np.minimum(distance, reach) for distance in both)))
 
 
 def test_either_side_of_an_edge_is_right():

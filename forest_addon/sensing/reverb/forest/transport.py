@@ -40,11 +40,6 @@ SHARES = 8  # of the packets, whose energies apart tell how far all together may
 Sent = Callable[[np.ndarray], np.ndarray]  # energy that a source sends on ways (N, 3), re its axis
 
 
-def alike(way: np.ndarray) -> np.ndarray:
-    """(N,) ones: a source that sends alike to all sides."""
-    return np.ones(len(way))
-
-
 @dataclass(frozen=True)
 class Density:
     """Trunks per m²: of cells (A, B) of ``cell`` metres from a corner, and around them.
@@ -208,24 +203,6 @@ class Energy:
         return values_at[0], values_at[1]
 
 
-def transported(
-    phase: PhaseFunction,
-    density: Density,
-    source: np.ndarray,
-    receiver: np.ndarray,
-    edges: np.ndarray,
-    packets: int,
-    rng: np.random.Generator,
-    sent: Sent = alike,
-) -> Energy:
-    """The energy by path length, by packets that start at the source.
-
-    source, receiver : (2,) metres. edges : (X + 1,) metres of path, rising. sent : energy by ways (N, 3).
-    """
-    given = (source, receiver), edges, (len(edges) - 1,), packets, rng, (sent,)
-    return transported_bands((phase,), density, *given)[0]
-
-
 def transported_bands(
     phases: Sequence[PhaseFunction],
     density: Density,
@@ -236,11 +213,11 @@ def transported_bands(
     rng: np.random.Generator,
     sent: Sequence[Sent] = (),
 ) -> list[Energy]:
-    """The same for a phase function of each of B bands, all packets together.
+    """The energy by path length of each of B bands, by packets that start at the source, all together.
 
-    ends : source and receiver, (2,) metres. bins : (B,) how many of the bins between
-    ``edges`` (X + 1,) packets of a band are followed through.
-    packets : of each band. sent : (B,) energy by ways (N, 3); none: alike to all sides.
+    phases : of each band. ends : source and receiver, (2,) metres. edges : (X + 1,) metres of path, rising.
+    bins : (B,) how many of the bins between them packets of a band are followed through. packets : of each
+    band. sent : (B,) energy by ways (N, 3); none: alike to all sides.
     """
     (source, receiver), tables = ends, Turns(phases)
     rates = density.largest * tables.width  # meetings a metre, real and not

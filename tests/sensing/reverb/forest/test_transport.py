@@ -17,7 +17,7 @@ from forest_addon.sensing.reverb.forest.transport import (
     Density,
     PhaseFunction,
     Turns,
-    transported,
+    transported_bands,
 )
 from forest_addon.sensing.reverb.metrics import octave
 from forest_addon.sensing.reverb.response import impulse_response
@@ -27,6 +27,12 @@ from forest_addon.spec import Air, Reverb
 ANGLE = math.pi * (np.arange(ANGLES) + 0.5) / ANGLES
 ALIKE = PhaseFunction(0.4, 1.0, ANGLE, np.full(ANGLES, 0.5 / math.pi))
 RECEIVER = np.array([10.0, 0.0])
+
+
+def transported(phase, density, source, receiver, edges, packets, rng, *sent):
+    """The energy of one band, through all bins."""
+    given = (source, receiver), edges, (len(edges) - 1,), packets, rng, sent
+    return transported_bands((phase,), density, *given)[0]
 
 
 def isotropic(distance, length, free_path):
