@@ -96,10 +96,10 @@ def test_ranges_of_some_pulses_are_those_of_the_whole():
     first = {pulse: r for pulse, n, r in zip(*columns(scan(looks, caster)), strict=True) if n == 1}
     whole = [first.get(pulse, np.inf) for pulse in some.tolist()]
     assert first_ranges(Scan(looks, caster), some) == pytest.approx(whole, rel=1e-12)
-    drives = Tractor(position=(-4, -4, 0), track=6, step=0.5, angle_step_deg=5, splits=2)
+    drives = Tractor(position=(-4, -4, 0.5), track=6, step=0.5, angle_step_deg=5, splits=2)
     found = drive(drives, caster).distance.ravel()
-    assert np.isfinite(found[some[:20]]).any()
-    assert beam_ranges(drives, caster, some[:20]) == pytest.approx(found[some[:20]], rel=1e-12)
+    assert np.isfinite(found[some[:12]]).any()
+    assert beam_ranges(drives, caster, some[:12]) == pytest.approx(found[some[:12]], rel=1e-12)
 
 
 def columns(cloud):
