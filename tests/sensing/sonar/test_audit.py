@@ -72,7 +72,7 @@ def spectrum(found):
 def test_waveforms_of_a_moving_sonar_are_looked_at():
     sonar = BAT.changed(call="fm", doppler=True)
     pose = posed(sonar)
-    few = targets(30)
+    few = targets(12)
     echo = ping(few, sonar, AIR, pose=replace(pose, velocity=12.0 * pose.frame[0]))
     assert audit(echo, sonar, 0.05, few).kept
     for name in ("waveforms", "called", "responses", "envelopes"):
