@@ -26,6 +26,7 @@ from forest_addon.acoustics.disc_table import (
     FILE,
     LAST,
     MARGIN,
+    table_error,
     tabulated,
     tabulated_bound,
     tabulated_ka,
@@ -247,6 +248,16 @@ def test_bound_of_the_table() -> None:
         size = (np.abs(tabulated(ka, angle)) / ka).max(axis=0)
         ends = (np.full(len(angle), end) for end in (low, high))
         assert (size <= tabulated_bound(*ends, angle)).all()
+
+
+def test_error_of_the_table_is_bounded() -> None:
+    rng = np.random.default_rng(2)
+    for ka in [*np.exp(rng.uniform(math.log(0.01), math.log(LAST), 25)), 0.99 * LAST]:
+        angle = np.concatenate(
+            [rng.uniform(0, math.pi / 2, 300), rng.uniform(0, min(1.5, 9 / ka), 99)]
+        )
+        off = np.abs(HardDisc(float(ka)).backscatter(angle) - tabulated(np.full(399, ka), angle))
+        assert (off / ka <= table_error(np.full(399, ka), angle)).all()
 
 
 def test_shipped_table_is_what_the_script_makes() -> None:
