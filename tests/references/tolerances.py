@@ -16,16 +16,20 @@ from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, arrivals_of, judged
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks import Trunks
+from forest_addon.sensing.sonar.beam import BeamPattern, MeasuredBeam, MeasuredSphere
 from forest_addon.sensing.sonar.calls import synthesise
 from forest_addon.sensing.sonar.echo import Echo
 from forest_addon.sensing.sonar.ping import ping
+from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Rays, Reverb, Sonar
 
 from .echoes import scene_of, square_leaves
 
 RAYS, GRAZING = 200, 2e-3  # of a scene; cosine of the incidence, 89.89°
-IN_PHASE = 10**6  # number from which on pings may have all of it many times, so that errors add up
+HARDER = (
+    10**6
+)  # number from which on pings may be of all many times, whose errors add up, by measured ears
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ def sonar_case(number: int) -> Case:
     if beam == "horseshoe":  # its width is known there
         low, wide = rng.uniform(60e3, 70e3), rng.uniform(500, 10e3)
     ears = int(rng.choice([1, 1, 2, 3]))
-    moves = bool(rng.random() < 0.25)
+    moves = bool(rng.random() < (0.25 if number < HARDER else 0.5))
     sonar = Sonar(
         position=(0.0, 0.0, 0.0),
         leaf_model=model,
@@ -105,9 +109,13 @@ def sonar_case(number: int) -> Case:
         max_range=40.0,
     )
     air = air_of(rng)
-    mesh, copies = join(parts), 1 if number < IN_PHASE else int(rng.choice([1, 1, 30]))
-    fast = ping(EchoTargets(scene_of(mesh, *copies * [np.eye(3, 4)])), sonar, air)
-    exact = ping(EchoTargets(scene_of(mesh)), replace(sonar, tolerance=0.0), air)
+    mesh, copies, equipment = join(parts), 1, None
+    if number >= HARDER:
+        copies = int(rng.choice([1, 1, 30]))
+        equipment = Equipment.of(sonar, hears=_ears(rng, low, wide))
+    given = {"equipment": equipment}
+    fast = ping(EchoTargets(scene_of(mesh, *copies * [np.eye(3, 4)])), sonar, air, **given)
+    exact = ping(EchoTargets(scene_of(mesh)), replace(sonar, tolerance=0.0), air, **given)
     error = _apart(fast.spectra / copies, exact.spectra, exact)
     called = 0.0
     if moves:
@@ -117,6 +125,18 @@ def sonar_case(number: int) -> Case:
     warned = bool(fast.error_bound > tolerance)
     worst = max(error, called) / tolerance
     return Case(number, tolerance, worst, error / max(told, 1e-15), warned)
+
+
+def _ears(rng: np.random.Generator, low: float, wide: float) -> tuple[BeamPattern, ...]:
+    """Those of the settings, or a pattern that was measured: around the axis or all round, with kinks at some
+    frequencies."""
+    at = low + wide * np.linspace(rng.uniform(-0.2, 0.4), rng.uniform(0.6, 1.2), 5)
+    angle, towards = np.radians(np.arange(0.0, 181.0, 15.0)), rng.normal(size=(60, 3))
+    level = rng.normal(0, 1.5, (13, 5)) - np.minimum(30.0, 20.0 * angle**2)[:, None]
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    ball = MeasuredSphere.all_round(towards, at, rng.uniform(-40, 0, (60, 5)))
+    kinds = (), (MeasuredBeam(angle, at, level),), (ball,)
+    return kinds[int(rng.integers(3))]
 
 
 def _apart(found: np.ndarray, exact: np.ndarray, of: Echo) -> float:

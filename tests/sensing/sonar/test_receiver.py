@@ -15,14 +15,14 @@ from forest_addon import api as forest
 from forest_addon.drawing.echoes import cochleagram as drawn_cochleagram
 from forest_addon.formats.sofa import HeadResponses
 from forest_addon.sensing.sonar import calls
-from forest_addon.sensing.sonar.beam import MeasuredBeam, MeasuredSphere
+from forest_addon.sensing.sonar.beam import MeasuredSphere
 from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
 from forest_addon.sensing.sonar.echo import Echo
 from forest_addon.sensing.sonar.equipment_files import ears_of_head, equip
 from forest_addon.sensing.sonar.glance import COLUMNS, cochleagram
 from forest_addon.sensing.sonar.ping import fly, ping
 from forest_addon.sensing.sonar.receiver import REFERENCE, EchoReceiver, receive
-from forest_addon.sensing.sonar.station import Equipment, SonarPose, posed
+from forest_addon.sensing.sonar.station import SonarPose, posed
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar, SonarReceiver, SpecError
 
@@ -314,60 +314,6 @@ def test_doppler_is_a_stretch_of_time(speed: float) -> None:
     fit = (mine[inner] @ expected[inner]) / (expected[inner] @ expected[inner])
     assert np.corrcoef(mine[inner], expected[inner])[0, 1] > 0.995
     assert 0.98 < fit < 1.25  # np.gradient is low at these frequencies, by sin x/x
-
-
-@pytest.mark.medium
-@pytest.mark.parametrize(("known", "model"), [((60e3, 80e3), "piston"), ((64e3, 71e3), "exact")])
-def test_doppler_with_measured_ears_keeps_the_tolerance(known, model) -> None:
-    """Against the sum of every path at every bin; the pattern has kinks where its frequencies end."""
-    rng = np.random.default_rng(3)
-    places = rng.normal(size=(150, 3)) * 0.4 + [2.0, 0, 0]
-    angle = np.radians(np.arange(0.0, 181.0, 15.0))
-    level = -np.minimum(30.0, 20.0 * angle**2)[:, None] + rng.normal(0, 1.5, (len(angle), 5))
-    ears = MeasuredBeam(angle, np.linspace(*known, 5), level)
-    sonar = calls_sonar_of(
-        call="fm", doppler=True, cull=0.0, ears=2, ear_turn_deg=25, leaf_model=model, tolerance=0.0
-    )
-    pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
-    discs = discs_of(places, rng.normal(size=(150, 3)), rng.uniform(0.003, 0.05, 150))
-    given = {"pose": pose, "equipment": Equipment.of(sonar, hears=(ears,))}
-    exact = ping(discs, sonar, AIR, **given)
-    size = exact.size[:, None]
-    loudest = np.abs(synthesise(sonar).spectrum(exact.frequency)).max()
-    for tolerance in (1e-3, 1e-6):
-        fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
-        assert (np.abs(fast.spectra - exact.spectra) <= tolerance * size).all()
-        assert (np.abs(fast.called - exact.called) <= tolerance * loudest * size).all()
-
-
-@pytest.mark.medium
-@pytest.mark.parametrize(
-    ("model", "hearing"), [("paper", "omni"), ("piston", "measured"), ("exact", "measured")]
-)
-def test_doppler_of_echoes_that_are_alike_keeps_the_tolerance(model: str, hearing: str) -> None:
-    """Of two kinds, at two speeds, so that all errors add up: against every path at every bin."""
-    count, angle = 700, np.radians([0.0, 60.0, 180.0])
-    sonar = calls_sonar_of(
-        call="fm", doppler=True, cull=0.0, leaf_model=model, absorption=True, sample_rate=200e3
-    )
-    levels = np.array([[0.0, -1.0, 1.0], [-3.0, -8.0, -6.0], [-12.0, -15.0, -20.0]])
-    ears = MeasuredBeam(angle, np.array([5e4, 7e4, 1e5]), levels)
-    equipment = Equipment.of(sonar, hears=(ears,) if hearing == "measured" else ())
-    pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
-    places, normals = (
-        np.array([[2.0, 0.3, 0], [1.2, -1.5, 0.4]]),
-        np.array([[1.0, 0.5, 0], [0, 1, 1]]),
-    )
-    size = np.array([0.012, 0.02])
-    few = discs_of(places, normals, size)
-    many = discs_of(np.tile(places, (count, 1)), np.tile(normals, (count, 1)), np.tile(size, count))
-    given = {"pose": pose, "equipment": equipment}
-    exact = ping(few, sonar.changed(tolerance=0.0), AIR, **given)
-    loudest = np.abs(synthesise(sonar).spectrum(exact.frequency)).max()
-    for tolerance in (1e-3, 1e-5):
-        fast = ping(many, sonar.changed(tolerance=tolerance), AIR, **given)
-        off = np.abs(fast.called - count * exact.called).max() / (loudest * count * exact.size[0])
-        assert 1e-12 < off <= tolerance
 
 
 @pytest.mark.parametrize("lead", [0.0, 7e-4])
