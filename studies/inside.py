@@ -18,7 +18,7 @@ INSIDE = {
     "backscatter_amplitude": "forest_addon.acoustics.disc:backscatter_amplitude",
     "jinc": "forest_addon.acoustics.disc:jinc",
     "cross_sections": "forest_addon.acoustics.extinction:cross_sections",
-    "scattered_fields": "forest_addon.acoustics.multiple:scattered_fields",
+    "scattered_field": "forest_addon.acoustics.multiple:scattered_field",
     "DelayedSum": "forest_addon.acoustics.nonuniform:DelayedSum",
     "sum_delayed": "forest_addon.acoustics.nonuniform:sum_delayed",
     "ASSETS": "forest_addon.base.places:ASSETS",

@@ -15,9 +15,12 @@ from functools import lru_cache
 import numpy as np
 
 
-def points(count: int) -> np.ndarray:
-    """(R,) in -1 … 1."""
-    return -np.cos(math.pi * (np.arange(count) + 0.5) / count)
+def points(
+    count: int, low: float | np.ndarray = -1.0, high: float | np.ndarray = 1.0
+) -> np.ndarray:
+    """(R,) from ``low`` to ``high``, or (..., R) between many of both, (..., 1)."""
+    within = -np.cos(math.pi * (np.arange(count) + 0.5) / count)
+    return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * within)
 
 
 def coefficients(values: np.ndarray, axis: int) -> np.ndarray:
@@ -75,7 +78,7 @@ class Cubics:
         cls, function: Callable[[np.ndarray], np.ndarray], first: float, last: float, cells: int
     ) -> Cubics:
         """The cubics through a function's values at four Chebyshev points of each cell."""
-        places, step = 0.5 + 0.5 * points(4), (last - first) / cells
+        places, step = points(4, 0.0, 1.0), (last - first) / cells
         values = function(first + step * (np.arange(cells)[:, None] + places))
         powers = np.linalg.inv(np.vander(places, increasing=True))
         return cls(first, step, np.ascontiguousarray(values @ powers.T, np.complex128))

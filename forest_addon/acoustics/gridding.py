@@ -163,11 +163,7 @@ class Kernel:
         return self.transform((np.arange(count) - count // 2) / size)
 
     def transform(self, frequency: np.ndarray) -> np.ndarray:
-        """Fourier transform at frequencies in cycles a grid point; complex ones are of decaying waves."""
-        if np.iscomplexobj(frequency):
-            root = np.sqrt(self.shape**2 - (math.pi * self.width * frequency) ** 2)
-            scale = np.exp(-self.shape) / special.ive(0, self.shape)
-            return np.asarray(self.width * scale * np.sinh(root) / root)
+        """Fourier transform at frequencies in cycles a grid point."""
         square = self.shape**2 - (math.pi * self.width * frequency) ** 2
         root = np.sqrt(np.abs(square))
         scale = np.exp(-self.shape) / special.ive(0, self.shape)

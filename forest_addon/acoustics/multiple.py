@@ -45,62 +45,40 @@ def scattered_field(
     sound_speed: float,
     *,
     direct_up_to: int = DIRECT_UP_TO,
+    orders: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pressure that M cylinders add at R receivers, at F frequencies, under e^{+iωt}.
 
     frequency : (F,) Hz, above 0. centre : (M, 2), radius : (M,) metres.
-    source : (2,), receiver : (R, 2) metres. sound_speed : m/s.
+    source : (2,) or (S, 2), receiver : (R, 2) metres. sound_speed : m/s.
     direct_up_to : unknowns up to which elimination is used, GMRES beyond.
+    orders : the last one of each cylinder, for averages over stands; None: as many as the pressure needs.
 
     Returns
     -------
-    (F, R) with multiple scattering; (F, R) with each trunk as if it were alone; (F,) size of the systems that
-    were solved.
+    (F, R), or (F, S, R), with multiple scattering; the same with each trunk as if it were alone; (F,) size of
+    the systems that were solved.
 
     Raises
     ------
     ValueError : cylinders overlap or touch, one covers the source or a receiver, or there are more than
         ``LARGEST`` unknowns; says which.
     """
-    receiver = np.atleast_2d(receiver)
-    _check(centre, radius, source, receiver)
+    receiver, sources = np.atleast_2d(receiver), np.atleast_2d(source)
+    _check(centre, radius, sources, receiver)
     near = _nearness(centre, radius)
     every, once, unknowns = [], [], []
     for wavenumber in 2.0 * math.pi * np.asarray(frequency, np.float64) / sound_speed:
-        system = _System(wavenumber, centre, radius, near)
-        alone = system.heard_from(source)
+        system = _System(wavenumber, centre, radius, near, orders)
+        alone = np.stack([system.heard_from(one) for one in sources], axis=1)  # (U, S)
         heard = system.heard_at(receiver)
         coupled = system.coupled(alone, direct_up_to)
         far = math.sqrt(0.5 * math.pi * wavenumber) * np.exp(-0.25j * math.pi)
-        every.append(far * np.conj(heard @ coupled))
-        once.append(far * np.conj(heard @ alone))
+        every.append(far * np.conj(heard @ coupled).T)
+        once.append(far * np.conj(heard @ alone).T)
         unknowns.append(len(alone))
-    shape = (len(every), len(receiver))
+    shape = (len(every), *np.shape(source)[:-1], len(receiver))
     return np.array(every).reshape(shape), np.array(once).reshape(shape), np.array(unknowns, int)
-
-
-def scattered_fields(
-    frequency: float,
-    centre: np.ndarray,
-    radius: np.ndarray,
-    sources: np.ndarray,
-    receivers: np.ndarray,
-    sound_speed: float,
-    orders: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """(S, R) pressure with multiple, and with single scattering, at one frequency, of S sources at once.
-
-    orders : the last one of each cylinder, fewer than ``scattered_field`` takes: for averages over stands.
-    """
-    for source in sources:
-        _check(centre, radius, source, receivers)
-    wavenumber = 2.0 * math.pi * frequency / sound_speed
-    system = _System(wavenumber, centre, radius, _nearness(centre, radius), orders)
-    alone = np.array([system.heard_from(source) for source in sources]).T
-    heard = system.heard_at(receivers)
-    far = math.sqrt(0.5 * math.pi * wavenumber) * np.exp(-0.25j * math.pi)
-    coupled = solve(system._coupling(), alone, overwrite_a=True, check_finite=False)
-    return far * np.conj(heard @ coupled).T, far * np.conj(heard @ alone).T
 
 
 def unknowns(frequency: float, centre: np.ndarray, radius: np.ndarray, sound_speed: float) -> int:
@@ -149,14 +127,14 @@ class _System:
         return -np.exp(waves[:, self.owner, self.last + self.order] + self.regular)
 
     def coupled(self, alone: np.ndarray, direct_up_to: int) -> np.ndarray:
-        """y with every echo between the cylinders."""
+        """(U, S) y with every echo between the cylinders, of those without."""
         if len(self.centre) < 2:
             return alone
         matrix = self._coupling()
         if len(matrix) > direct_up_to:
-            coupled, failed = gmres(matrix, alone, rtol=RESIDUAL, restart=100, maxiter=20)
-            if not failed:
-                return coupled
+            solved = [gmres(matrix, one, rtol=RESIDUAL, restart=100, maxiter=20) for one in alone.T]
+            if not any(failed for _, failed in solved):
+                return np.stack([coupled for coupled, _ in solved], axis=1)
         return solve(matrix, alone, overwrite_a=True, check_finite=False)
 
     def _coupling(self) -> np.ndarray:
@@ -252,7 +230,7 @@ def _nearness(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
 def _check(
     centre: np.ndarray, radius: np.ndarray, source: np.ndarray, receiver: np.ndarray
 ) -> None:
-    for name, places in (("source", np.atleast_2d(source)), ("receiver", receiver)):
+    for name, places in (("source", source), ("receiver", receiver)):
         if len(radius) and np.any(radius >= np.hypot(*(places[:, None] - centre).T).T):
             raise ValueError(f"a trunk covers the {name}; leave it out or move the {name}")
     if len(radius) > 1:

@@ -275,9 +275,7 @@ class _Task:
 
     def values(self, nodes: int, rows: np.ndarray) -> np.ndarray:
         """(R, m) amplitudes at the nodes."""
-        low, high = self._ends
-        frequency = (low + high) / 2 + (high - low) / 2 * chebyshev.points(nodes)
-        return np.asarray(self._amplitude(frequency, rows))
+        return np.asarray(self._amplitude(chebyshev.points(nodes, *self._ends), rows))
 
     def interpolate(self, rows: np.ndarray, nodes: int, width: int) -> None:
         """Add the echoes ``rows``, which are smooth enough for so many nodes."""

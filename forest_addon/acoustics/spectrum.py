@@ -1,8 +1,8 @@
 """Spectra on an even grid of frequencies: delays as factors, and interpolation between few frequencies.
 
 ``delay_factors`` turns delays into e^{-i2πfτ}. ``frequency_panels`` cuts a band into panels in which a
-smooth function of frequency is known to rounding from its values at a few Chebyshev nodes (barycentric
-interpolation, Berrut & Trefethen 2004), so that an expensive one is not computed at every bin.
+smooth function of frequency is known to rounding from its values at a few Chebyshev nodes, so that an
+expensive one is not computed at every bin.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+
+from . import chebyshev
 
 NODES = 40  # of a panel: 1e-12 over 3 of z = ka for a trunk's H
 RATIO = 4.0  # highest over lowest frequency of a panel: towards 0 panels shrink in proportion
@@ -56,22 +58,12 @@ def frequency_panels(last: int, spacing: float, width: float, first: int = 1) ->
     while first <= last:
         high = min(RATIO * first * spacing, first * spacing + width)
         count = max(1, min(int(high / spacing), last) - first + 1)
-        bins = (first + np.arange(count)) * spacing
-        panels.append(Panel(first, count, *_interpolation(bins)))
+        nodes = (first + np.arange(count)) * spacing
+        if count <= NODES:
+            shares = np.eye(count)
+        else:
+            nodes = chebyshev.points(NODES, nodes[0], nodes[-1])
+            shares = chebyshev.lagrange(NODES, np.linspace(-1.0, 1.0, count))
+        panels.append(Panel(first, count, nodes, shares.T))
         first += count
     return panels
-
-
-def _interpolation(bins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (Q,) within the span of the bins (B,) and the weights (B, Q) that lead to them."""
-    if len(bins) <= NODES:
-        return bins, np.eye(len(bins))
-    turn = math.pi * (np.arange(NODES) + 0.5) / NODES  # Chebyshev points of the first kind
-    nodes = 0.5 * (bins[0] + bins[-1]) - 0.5 * (bins[-1] - bins[0]) * np.cos(turn)
-    away = bins[:, None] - nodes
-    on_node = away == 0
-    share = np.where(np.arange(NODES) % 2 == 0, 1.0, -1.0) * np.sin(turn)
-    weights = share / np.where(on_node, 1.0, away)
-    hit = on_node.any(axis=1)
-    weights[hit] = on_node[hit]
-    return nodes, weights / weights.sum(axis=1, keepdims=True)

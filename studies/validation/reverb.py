@@ -40,7 +40,7 @@ from ..inside import (
     onset,
     room_metrics,
     save_figure,
-    scattered_fields,
+    scattered_field,
     stream,
     transported_bands,
 )
@@ -132,12 +132,10 @@ def judge(case: Ensemble, edges: np.ndarray, seed: int = 1) -> JudgedSum:
         centre = _stand(case, rng, np.concatenate([sources, receivers.reshape(-1, 2)]))
         radius = np.full(len(centre), case.radius)
         orders = math.ceil(case.ka * (1 + BAND / 2) + 2.3 * case.ka ** (1 / 3) + 1)
-        fields = [
-            scattered_fields(f, centre, radius, sources, receivers.reshape(-1, 2), SPEED, orders)
-            for f in frequency.tolist()
-        ]
-        for kept, found in zip((every, once), zip(*fields, strict=True), strict=True):
-            spectra = np.array(found).reshape(len(frequency), case.sources, case.sources, -1)
+        ends = sources, receivers.reshape(-1, 2)
+        fields = scattered_field(frequency, centre, radius, *ends, SPEED, orders=orders)
+        for kept, found in zip((every, once), fields[:2], strict=True):
+            spectra = found.reshape(len(frequency), case.sources, case.sources, -1)
             own = np.einsum("fssr->fsr", spectra)  # each source hears its own circle
             kept.append(_by_length(own * window[:, None, None], window, step, edges))
     exact, single = (np.concatenate(part) for part in (every, once))  # (stands·S, X)

@@ -68,10 +68,9 @@ class Ends:
     @property
     def on_ground(self) -> np.ndarray:
         """(T·(S + R), 2) where they stand."""
-        pairs = np.array(self.pairs)
         if not self.times:
-            pairs = np.concatenate([self.sources, self.receivers])[:, None]
-        return np.unique(pairs.reshape(-1, 3)[:, :2], axis=0) if self.times else pairs[:, 0, :2]
+            return np.concatenate([self.sources, self.receivers])[:, :2]
+        return np.unique(np.array(self.pairs).reshape(-1, 3)[:, :2], axis=0)
 
     @staticmethod
     def _moved(places: np.ndarray, shift: np.ndarray | None, count: int, moment: int) -> np.ndarray:
@@ -219,7 +218,6 @@ def read_path(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
 def _columns(key: str, path: Path, *names: str) -> np.ndarray:
     """(N, columns) numbers."""
     try:
-        rows = read_columns(path, *names).matrix(*names)
+        return read_columns(path, *names).matrix(*names)
     except SpecError as problem:
         raise SpecError(key, f"{path.name}: {problem.problem}") from None
-    return rows

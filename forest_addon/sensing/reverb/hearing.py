@@ -35,29 +35,6 @@ AROUND = 60  # directions in space that noise comes from
 AMBISONICS = ("W", "Y", "Z", "X")
 
 
-@dataclass(frozen=True)
-class SoundGroup:
-    """Sound of some directions.
-
-    gain : (M,) of trunks, 0 where one is not in it. taps : (C, K) of what every channel hears of it.
-    """
-
-    gain: np.ndarray
-    taps: np.ndarray
-
-
-@dataclass(frozen=True)
-class NoiseSource:
-    """Noise that comes from one direction, or that one harmonic has.
-
-    level, space : share of the energy of level noise, and of noise from all sides. taps : (C, K).
-    """
-
-    level: float
-    space: float
-    taps: np.ndarray
-
-
 class Hearing:
     """Hearing of one microphone that is the same to all sides."""
 
@@ -67,13 +44,15 @@ class Hearing:
         """(C, K) response to sound from where (3,) points, of any length."""
         return np.ones((1, 1))
 
-    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
-        """Groups that level sound from azimuths (M,) in radians is sorted into."""
-        return [SoundGroup(np.ones(len(azimuth)), np.ones((1, 1)))]
+    def groups(self, azimuth: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Groups that level sound from azimuths (M,) in radians is sorted into: gains (M,), 0 where a trunk
+        is not in it, and (C, K) what every channel hears of it."""
+        return [(np.ones(len(azimuth)), np.ones((1, 1)))]
 
-    def noise(self) -> list[NoiseSource]:
-        """Parts of the noise, each independent of the others."""
-        return [NoiseSource(1.0, 1.0, np.ones((1, 1)))]
+    def noise(self) -> list[tuple[float, float, np.ndarray]]:
+        """Parts of the noise, each independent of the others, from one direction or of one harmonic: share of
+        the energy of level noise, and of noise from all sides, and (C, K) what every channel hears of it."""
+        return [(1.0, 1.0, np.ones((1, 1)))]
 
 
 @dataclass(frozen=True)
@@ -84,21 +63,17 @@ class Ambisonics(Hearing):
     names = AMBISONICS
 
     def taps(self, way: np.ndarray) -> np.ndarray:
-        size = float(np.linalg.norm(way))
-        x, y, z = way / size if size > 0 else np.array([1.0, 0.0, 0.0])
-        turned = math.cos(self.azimuth), math.sin(self.azimuth)
-        return np.array(
-            [[1.0], [y * turned[0] - x * turned[1]], [z], [x * turned[0] + y * turned[1]]]
-        )
+        ahead, left, up = _faced(way, self.azimuth)
+        return np.array([[1.0], [left], [up], [ahead]])
 
-    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
+    def groups(self, azimuth: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         turn = azimuth - self.azimuth
         gains = (np.ones(len(turn)), np.sin(turn), np.cos(turn))
-        return [SoundGroup(g, np.eye(4)[:, [row]]) for g, row in zip(gains, (0, 1, 3), strict=True)]
+        return [(gain, np.eye(4)[:, [row]]) for gain, row in zip(gains, (0, 1, 3), strict=True)]
 
-    def noise(self) -> list[NoiseSource]:
+    def noise(self) -> list[tuple[float, float, np.ndarray]]:
         shares = ((1.0, 1.0), (1 / 2, 1 / 3), (0.0, 1 / 3), (1 / 2, 1 / 3))  # means of squares
-        return [NoiseSource(*share, np.eye(4)[:, [row]]) for row, share in enumerate(shares)]
+        return [(*share, np.eye(4)[:, [row]]) for row, share in enumerate(shares)]
 
 
 @dataclass(frozen=True)
@@ -115,26 +90,21 @@ class MeasuredHead(Hearing):
     names = ("left", "right")
 
     def taps(self, way: np.ndarray) -> np.ndarray:
-        size = float(np.linalg.norm(way))
-        x, y, z = way / size if size > 0 else np.array([1.0, 0.0, 0.0])
-        c, s = math.cos(self.azimuth), math.sin(self.azimuth)
-        return self._nearest(np.array([x * c + y * s, y * c - x * s, z]))
+        return self._nearest(_faced(way, self.azimuth))
 
     def _nearest(self, way: np.ndarray) -> np.ndarray:
         return self.responses[int(np.argmax(self.directions @ way))]
 
-    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
+    def groups(self, azimuth: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         sector = np.round((azimuth - self.azimuth) * (SECTORS / (2.0 * math.pi))) % SECTORS
         return [
-            SoundGroup((sector == number).astype(np.float64), self._nearest(way))
+            ((sector == number).astype(np.float64), self._nearest(way))
             for number, way in enumerate(_level())
         ]
 
-    def noise(self) -> list[NoiseSource]:
-        around = np.array(_spread(AROUND))
-        return [NoiseSource(1 / SECTORS, 0.0, self._nearest(way)) for way in _level()] + [
-            NoiseSource(0.0, 1 / AROUND, self._nearest(way)) for way in around
-        ]
+    def noise(self) -> list[tuple[float, float, np.ndarray]]:
+        level = [(1 / SECTORS, 0.0, self._nearest(way)) for way in _level()]
+        return level + [(0.0, 1 / AROUND, self._nearest(way)) for way in _spread(AROUND)]
 
 
 OMNI_EAR = Hearing()
@@ -159,6 +129,14 @@ def hearing_of(reverb: Reverb, folder: Path) -> Hearing:
     )
     flat = flat * (head.sample_rate / reverb.sample_rate)  # sums over samples stay, as of a filter
     return MeasuredHead(azimuth, head.directions, np.moveaxis(flat.reshape(-1, count, ears), 0, 2))
+
+
+def _faced(way: np.ndarray, azimuth: float) -> np.ndarray:
+    """(3,) unit vector along ``way``, in parts ahead, to the left and up; ahead where it has no length."""
+    size = float(np.linalg.norm(way))
+    x, y, z = way / size if size > 0 else np.array([1.0, 0.0, 0.0])
+    c, s = math.cos(azimuth), math.sin(azimuth)
+    return np.array([x * c + y * s, y * c - x * s, z])
 
 
 def _level() -> np.ndarray:
@@ -192,24 +170,23 @@ def encoded(
         kept = tail.kept(np.arange(count) * (pair.air.speed() / plain.sample_rate))
         last = FADE * tail.joint
         blocks = tail.blocks(plain.sample_rate, count, pair.air)
-        for number, part in enumerate(hearing.noise()):
+        for number, (level, space, taps) in enumerate(hearing.noise()):
             more = (number,) if number else ()  # the first has the noise of ``plain``
             rng = stream(int(pair.key[0]), *pair.key[1:], "tail", *more)
-            drawn = blocks.samples(rng, part.level, part.space)
-            noise += _through(drawn, part.taps)
+            noise += _through(blocks.samples(rng, level, space), taps)
     trees = noise.copy()
     forest = pair.loud[0]
     azimuth = np.arctan2(*(forest.position - pair.receiver[:2]).T[::-1])
     single = plain.trees if plain.tail is None else plain.trees - plain.tail
-    for group in hearing.groups(azimuth):
-        rows = np.flatnonzero(group.gain)
+    for gain, taps in hearing.groups(azimuth):
+        rows = np.flatnonzero(gain)
         samples = single
-        if len(rows) < len(forest) or not (group.gain == 1.0).all():
+        if len(rows) < len(forest) or not (gain == 1.0).all():
             if not len(rows):
                 continue
-            response = pair.trees(forest.select(rows), expansions, None, last, group.gain[rows])
+            response = pair.trees(forest.select(rows), expansions, None, last, gain[rows])
             samples = response.samples * kept
-        trees += _through(samples, group.taps)
+        trees += _through(samples, taps)
     keep = plain if (hearing.taps(way)[0] != 1.0).any() else None  # W is a microphone's already
     return [
         replace(

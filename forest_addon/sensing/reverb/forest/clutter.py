@@ -57,15 +57,7 @@ class Rods:
 
     def summed(self) -> Rods:
         """The same in few pieces, of FINE metres of height and a class of radius each."""
-        low, rows = _alike(self.height, self.radius)
-        length = np.bincount(rows, self.length)
-        kept = length > 0
-
-        def mean(values: np.ndarray) -> np.ndarray:
-            return np.bincount(rows, self.length * values)[kept] / length[kept]
-
-        height = mean(self.height - low) + low
-        return Rods(length[kept], mean(self.radius), height, mean(self.rise))
+        return Rods(*_summed(self.radius, self.length, self.radius, self.height, self.rise))
 
     def placed(self, transform: np.ndarray) -> Rods:
         """The same of a tree that stands at ``transform`` (3, 4), upright and evenly scaled."""
@@ -88,15 +80,8 @@ class Blades:
 
     def summed(self) -> Blades:
         """The same in few pieces, of FINE metres of height each, leaves and shoots apart."""
-        low, rows = _alike(self.height, np.where(self.shoot > 0, 2.0 * CLASSES[0], CLASSES[0]))
-        area = np.bincount(rows, self.area)
-        kept = area > 0
-
-        def mean(values: np.ndarray) -> np.ndarray:
-            return np.bincount(rows, self.area * values)[kept] / area[kept]
-
-        height = mean(self.height - low) + low
-        return Blades(area[kept], mean(self.radius), height, mean(self.shoot))
+        kind = np.where(self.shoot > 0, 2.0 * CLASSES[0], CLASSES[0])
+        return Blades(*_summed(kind, self.area, self.radius, self.height, self.shoot))
 
     def placed(self, transform: np.ndarray) -> Blades:
         """The same of a tree that stands at ``transform`` (3, 4), upright and evenly scaled."""
@@ -105,11 +90,20 @@ class Blades:
         return Blades(self.area * scale**2, self.radius * scale, height, self.shoot * scale)
 
 
-def _alike(height: np.ndarray, radius: np.ndarray) -> tuple[float, np.ndarray]:
-    """Lowest height, and number (N,) of each piece's layer of FINE metres and class of radius."""
+def _summed(
+    size: np.ndarray, amount: np.ndarray, radius: np.ndarray, height: np.ndarray, other: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Amount of N pieces in each layer of FINE metres and class of their size, and means of the rest."""
     low = float(height.min(initial=0.0))
     layer = np.floor((height - low) / FINE).astype(np.int64)
-    return low, layer * (len(CLASSES) + 1) + np.searchsorted(CLASSES, radius)
+    rows = layer * (len(CLASSES) + 1) + np.searchsorted(CLASSES, size)
+    whole = np.bincount(rows, amount)
+    kept = whole > 0
+    radius, height, other = (
+        np.bincount(rows, amount * values)[kept] / whole[kept]
+        for values in (radius, height - low, other)
+    )
+    return whole[kept], radius, height + low, other
 
 
 def _scale(transform: np.ndarray) -> float:
@@ -405,6 +399,7 @@ def _needles(
     return alone, joint, taken, turned
 
 
+@lru_cache(maxsize=64)
 def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> CubicSpline | None:
     """Nepers of amplitude a metre at a height: branches and needles take or scatter it, leaves scatter it.
 

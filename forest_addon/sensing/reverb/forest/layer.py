@@ -72,27 +72,8 @@ class _Tables:
         )
         self.density = np.array([scatter.density for scatter in layer.scatters])
         solid = -2.0 * math.pi * np.diff(np.cos(np.linspace(0.0, math.pi, ANGLES + 1)))
-        whole = np.cumsum(self.density * solid, axis=1)
-        self.turns = np.array(
-            [
-                np.interp(
-                    np.linspace(0.0, 1.0, 513),
-                    np.concatenate([[0.0], row / row[-1]]),
-                    np.linspace(0.0, math.pi, ANGLES + 1),
-                )
-                for row in whole
-            ]
-        )
-        angle = np.linspace(0.0, math.pi, self.towards.shape[1] + 1)
-        around = np.cumsum(self.towards, axis=1)
-        self.around = np.array(
-            [
-                np.interp(
-                    np.linspace(0.0, 1.0, 1025), np.concatenate([[0.0], row / row[-1]]), angle
-                )
-                for row in around
-            ]
-        )
+        self.turns = _by_share(self.density * solid, 513)
+        self.around = _by_share(self.towards, 1025)
         self.most = self.width + self.taken.max(axis=1)
 
     def through(self, band: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -114,6 +95,21 @@ class _Tables:
         """(N,) taken and scattered a metre, at heights; none above the layers."""
         cell, inside = self._cell(height), height < LAYER * self.taken.shape[1]
         return self.taken[band, cell] * inside, self.scattered[band, cell] * inside
+
+
+def _by_share(density: np.ndarray, count: int) -> np.ndarray:
+    """(B, count) angles up to which even shares of densities (B, A) by angle lie."""
+    whole, angle = np.cumsum(density, axis=1), np.linspace(0.0, math.pi, density.shape[1] + 1)
+    shares = np.linspace(0.0, 1.0, count)
+    return np.array([np.interp(shares, np.append(0.0, row / row[-1]), angle) for row in whole])
+
+
+def _drawn(table: np.ndarray, band: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(N,) angles of a table of ``_by_share``, of bands (N,)."""
+    share = rng.random(len(band)) * (table.shape[1] - 1.001)
+    cell = share.astype(np.int64)
+    low, high = (table[band, each] for each in (cell, cell + 1))
+    return np.asarray(low + (share - cell) * (high - low))
 
 
 def diffused(
@@ -205,10 +201,7 @@ class _Packets:
 
     def turn_at_trunks(self, rows: np.ndarray, tables: _Tables, rng: np.random.Generator) -> None:
         """About the vertical."""
-        share = rng.random(len(rows)) * 1023.999
-        cell = share.astype(np.int64)
-        low, high = (tables.around[self.band[rows], each] for each in (cell, cell + 1))
-        turn = low + (share - cell) * (high - low)
+        turn = _drawn(tables.around, self.band[rows], rng)
         turn *= rng.choice((-1.0, 1.0), len(rows))
         x, y = self.way[rows, 0].copy(), self.way[rows, 1].copy()
         self.way[rows, 0] = x * np.cos(turn) - y * np.sin(turn)
@@ -216,10 +209,7 @@ class _Packets:
 
     def turn_in_space(self, rows: np.ndarray, tables: _Tables, rng: np.random.Generator) -> None:
         """Turn directions by an angle drawn from the table, at any azimuth about them."""
-        share = rng.random(len(rows)) * 511.999
-        cell = share.astype(np.int64)
-        low, high = (tables.turns[self.band[rows], each] for each in (cell, cell + 1))
-        angle = low + (share - cell) * (high - low)
+        angle = _drawn(tables.turns, self.band[rows], rng)
         around = 2.0 * math.pi * rng.random(len(rows))
         way = self.way[rows]
         other = np.where(np.abs(way[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])

@@ -152,7 +152,7 @@ class Losses:
         level = None
         if self.scattered and not self.stand.clutter.empty:
             height = 0.5 * (self.source_height + self.receiver_height)
-            level = _level(self.stand.clutter, height, self.air.speed(), self.takes)
+            level = level_loss(self.stand.clutter, height, self.air.speed(), self.takes)
         if level is None:
             return loss
         return loss + np.exp(level(np.log(np.clip(frequency, LOWEST, HIGHEST))))
@@ -317,11 +317,6 @@ def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np
     if losses is not None:
         return losses.along(frequency)
     return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-
-
-@lru_cache(maxsize=64)
-def _level(clutter: Clutter, height: float, speed: float, takes: Takes) -> CubicSpline | None:
-    return level_loss(clutter, height, speed, takes)
 
 
 @lru_cache(maxsize=32)

@@ -57,7 +57,7 @@ from .bands import bands_of, samples_of
 from .layer_sum import LayerSum, expand
 from .panel_sum import USUAL, by_distance, panel_spectrum
 from .path_gain import AirFilter, PathGain
-from .scattering import TrunkPaths, direct_sum
+from .scattering import Check, TrunkPaths, direct_sum
 
 FEW_RADII = 4
 KEPT_LAYERS, KEPT_AIRS, KEPT_GAINS = 24, 16, 64  # of what sums set up, for the next ones
@@ -112,7 +112,7 @@ class Expansions:
         gained = self._gain(losses, rate, tolerance, whole=True) is not None
         total = np.zeros(count)
         cosine, done = np.cos(paths.angle), 0
-        errors: dict[float, float] = {}
+        checks: list[Check] = []
         for radius in different.tolist():
             rows = slice(None) if alike else paths.radius == radius
             some, turned = paths.select(rows), cosine[rows]
@@ -121,12 +121,12 @@ class Expansions:
             done += len(turned)
             for layer in self._set_up(radius, rate, air, tolerance, losses, gained):
                 gain = self._gain(losses, rate, tolerance, whole=True, highest=layer.highest)
-                total += layer.sum(some, turned, count, gain)
-                for octave, error in layer.errors.items():
-                    errors[octave] = max(error, errors.get(octave, 0.0))
+                samples, found = layer.sum(some, turned, count, gain)
+                total += samples
+                checks += found
         if progress:
             progress(len(paths.length), len(paths.length))
-        return total, {low: max(error, tolerance) for low, error in errors.items()}
+        return total, _told(checks, tolerance)
 
     def _of_many_radii(
         self,
@@ -148,7 +148,7 @@ class Expansions:
         rest = paths.select(~loud)
         rest = rest.select(np.argsort(rest.angle))
         gain = self._gain(losses and losses.unthinned, rate, tolerance)
-        errors: dict[float, float] = {}
+        checks: list[Check] = []
         whole = whole_energy(_classes(paths), loss_at, speed)
         done = 0
         for band in bands:
@@ -168,7 +168,7 @@ class Expansions:
                     some: TrunkPaths = some,
                     heard: Callable[[float, float], bool] = heard,
                 ) -> np.ndarray:
-                    values, checks = panel_spectrum(
+                    values, found = panel_spectrum(
                         some,
                         spacing,
                         highest + 1,
@@ -180,10 +180,7 @@ class Expansions:
                         lowest,
                         heard,
                     )
-                    for frequency, error in checks:
-                        octave = 20.0 * 2.0 ** math.floor(math.log2(frequency / 20.0))
-                        if octave >= 20.0:
-                            errors[octave] = max(error, errors.get(octave, 0.0))
+                    checks.extend(found)
                     return values
 
                 first, last = float(some.earliest.min()), float(some.length.max())
@@ -193,7 +190,7 @@ class Expansions:
                 done += len(rows)
                 if progress:
                     progress(done, len(bands) * len(rest.length))
-        return total, {low: max(error, tolerance) for low, error in errors.items()}
+        return total, _told(checks, tolerance)
 
     def _gain(
         self,
@@ -234,6 +231,16 @@ class Expansions:
             ]
 
         return self._layers.once(key, made)
+
+
+def _told(checks: list[Check], tolerance: float) -> dict[float, float]:
+    """{lower end of an octave in Hz: relative error at most}: the tolerance, or what checks found over it."""
+    errors: dict[float, float] = {}
+    for frequency, error in checks:
+        octave = LOWEST * 2.0 ** math.floor(math.log2(frequency / LOWEST))
+        if octave >= LOWEST:
+            errors[octave] = max(error, errors.get(octave, tolerance))
+    return errors
 
 
 def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -> bool:

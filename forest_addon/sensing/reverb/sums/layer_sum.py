@@ -44,7 +44,7 @@ from ..band import SPREAD, roll_off
 from ..forest.losses import Losses
 from .bands import upsampled
 from .path_gain import AirFilter, PathGain, Zone
-from .scattering import TrunkPaths
+from .scattering import Check, TrunkPaths
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
@@ -80,7 +80,6 @@ class LayerSum:
         self.dtype = np.float32 if layer.tolerance >= SINGLE and layer.lowest > 0 else np.float64
         self.complex = np.result_type(self.dtype, np.complex64)
         self.kernel = kernel(width_for(0.3 * layer.tolerance))
-        self.errors: dict[float, float] = {}
         self._filters: dict[int, np.ndarray] = {}
         self._late: dict[int, tuple[np.ndarray, np.ndarray, int]] = {}
         self._spectra: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
@@ -93,14 +92,13 @@ class LayerSum:
 
     def sum(
         self, paths: TrunkPaths, cosine: np.ndarray, count: int, gain: PathGain | None = None
-    ) -> np.ndarray:
-        """(count,) samples at the full rate, sample 0 when the source sounds."""
+    ) -> tuple[np.ndarray, list[Check]]:
+        """(count,) samples at the full rate, sample 0 when the source sounds, and what checks found."""
         beside = BESIDE if self.step > 1 else self.air.tail if self.air else 0
         total: np.ndarray = np.zeros(-(-count // self.step) + 2 * beside)
         sector_of = np.searchsorted(self.layer.highs, cosine)
-        for number in np.flatnonzero(np.bincount(sector_of)).tolist():
-            for octave, error in self.layer.sector(number).errors.items():
-                self.errors[octave] = max(error, self.errors.get(octave, 0.0))
+        used = np.flatnonzero(np.bincount(sector_of)).tolist()
+        checks = [check for number in used for check in self.layer.sector(number).checks]
         if gain is None:
             for number, rows in _groups(sector_of):
                 start, part = self._sector_sum(number, paths.select(rows), cosine[rows])
@@ -115,7 +113,7 @@ class LayerSum:
         if self.step > 1:
             fade = roll_off(0.45 + 0.05 * np.arange(BESIDE) / BESIDE)
             total = upsampled(total, self.step, fade)
-        return total[beside * self.step : beside * self.step + count]
+        return total[beside * self.step : beside * self.step + count], checks
 
     def _sector_sum(
         self, number: int, paths: TrunkPaths, cosine: np.ndarray
@@ -182,7 +180,8 @@ class LayerSum:
         zone: Zone,
     ) -> tuple[int, np.ndarray]:
         """First sample and samples of all sectors' trunks in one zone of their gain."""
-        place, base, size = self._placed(paths.length, zone.rise, math.ceil(RINGING * self.rate))
+        rings = math.ceil(RINGING * self.rate)
+        place, base, size = self._placed(paths.length, zone.rise or 0.0, rings)
         total = np.zeros(size // 2 + 1, np.complex128)
         for number, rows in _groups(sector_of):
             some, turned = paths.select(rows), cosine[rows]
@@ -372,7 +371,7 @@ class Sector:
 
     filters : (R, T) of the terms, the arrival by the axis at sample ``lead``.
     series : (C, R) Chebyshev coefficients of V_r over [low, high].
-    errors : {lower end of an octave in Hz: largest relative error of H found by the check}.
+    checks : errors of H at a frequency of each octave.
     """
 
     low: float
@@ -380,7 +379,7 @@ class Sector:
     filters: np.ndarray
     series: np.ndarray
     lead: int
-    errors: dict[float, float]
+    checks: list[Check]
 
     @property
     def terms(self) -> int:
@@ -454,24 +453,21 @@ class ExpansionLayer:
             filters[:, -fading:] *= roll_off(0.45 + 0.05 * np.arange(fading) / fading)
         return filters
 
-    def errors(
-        self, filters: np.ndarray, shares: np.ndarray, cosine: np.ndarray
-    ) -> dict[float, float]:
-        """Largest error of filters (R, T) times shares (M, R) at cosines (M,), at a random frequency of each
-        octave from 20 Hz."""
+    def checks(self, filters: np.ndarray, shares: np.ndarray, cosine: np.ndarray) -> list[Check]:
+        """Errors of filters (R, T) times shares (M, R) at cosines (M,), at a random frequency of each octave
+        from 20 Hz."""
         rng = stream(len(cosine), "expansion", "check")
         used = self.frequency[self.gain > 0.5]
         octave = 20.0 * 2.0 ** np.arange(max(0, math.ceil(math.log2(used[-1] / 20.0))))
         frequency = rng.uniform(octave, np.minimum(2.0 * octave, used[-1]))
-        octave, frequency = octave[frequency > used[0]], frequency[frequency > used[0]]
+        frequency = frequency[frequency > used[0]]
         time = (np.arange(self.size) - self.lead) / self.rate
         spectrum = filters @ np.exp(-2j * math.pi * np.outer(time, frequency))
         exact = transfer(frequency[:, None], np.arccos(cosine), self.radius, self.speed, self.bark)
         exact *= self.gain_at(frequency)[:, None]
         gap = np.linalg.norm(spectrum.T @ shares.T - exact, axis=1)
-        return dict(
-            zip(octave.tolist(), (gap / np.linalg.norm(exact, axis=1)).tolist(), strict=True)
-        )
+        off = gap / np.linalg.norm(exact, axis=1)
+        return list(zip(frequency.tolist(), off.tolist(), strict=True))
 
     def _waves(self, thickness: float) -> np.ndarray:
         """(N, F) factor of cos nφ in H, times the gain."""
@@ -504,7 +500,7 @@ class ExpansionLayer:
     def _sector(self, low: float, high: float) -> Sector:
         span = math.acos(low) - math.acos(high)
         points = min(len(self.waves), math.ceil(0.55 * len(self.waves) * span) + 12) + 4
-        cosine = low + 0.5 * (high - low) * (chebyshev.points(points) + 1.0)
+        cosine = chebyshev.points(points, low, high)
         turns = np.cos(np.outer(np.arange(len(self.waves)), np.arccos(np.clip(cosine, -1.0, 1.0))))
         _, sizes, right = linalg.svd(self.triangle @ turns, full_matrices=False, check_finite=False)
         rest = np.sqrt(np.cumsum(np.square(sizes)[::-1])[::-1])
@@ -517,10 +513,10 @@ class ExpansionLayer:
         coefficients = chebyshev.coefficients(shares, 0)
         large = np.abs(coefficients * sizes[:terms]).max(axis=1)
         kept = int(np.flatnonzero(large > 0.01 * self.tolerance * large.max())[-1]) + 1
-        sector = Sector(low, high, self.filters(spectra), coefficients[:kept], self.lead, {})
+        sector = Sector(low, high, self.filters(spectra), coefficients[:kept], self.lead, [])
         rng = stream(len(self.highs), "expansion", "angles")
         some = np.clip(rng.uniform(low, high, CHECKED), -1.0, 1.0)
-        sector.errors.update(self.errors(sector.filters, sector.shares(some), some))
+        sector.checks.extend(self.checks(sector.filters, sector.shares(some), some))
         return sector
 
 

@@ -3,7 +3,7 @@
 Paths by trunks go in, Σ_m w_m·e^{-(b+ik)x_m}·H(f, φ_m, a_m) comes out on an even grid of frequencies, as
 from ``scattering.scattered_spectrum``, which is the exact sum. In a panel of frequencies
 
-    w_m·e^{-b(f)x_m}·H(f)·e^{+ikx_m'} = f^{3/2}·Σ_q ℓ_q(f)·h_mq,   x' = x less a share of the radius,
+    w_m·e^{-b(f)x_m}·H(f)·e^{+ikx_m'} = f^{3/2}·Σ_q ℓ_q(f)·h_mq,   x' = x less ``middle`` of the radius,
 
 with the polynomials ℓ_q of a few Chebyshev nodes f_q, and Σ_m h_mq·e^{-ikx_m'} is a non-uniform Fourier
 transform for each q (``acoustics/gridding``). Air, radius and angle are in the heights h, each trunk's
@@ -40,7 +40,7 @@ from ....base.rng import stream
 from ....base.rows import distinct
 from ..forest.losses import NEAR
 from .path_gain import PathGain
-from .scattering import TrunkPaths
+from .scattering import Check, TrunkPaths
 
 USUAL, LOST, MOST_GROUPS = (
     500.0,
@@ -60,9 +60,6 @@ FEW_BINS = 6  # of a panel that needs no interpolation
 SHARE = 0.5  # of the tolerance, for each approximation
 TRUNKS_AT_ONCE = 8192
 PROBES = 24  # trunks whose heights are checked in each panel
-
-
-Check = tuple[float, float]  # Hz, and relative error of H there, root mean square over some trunks
 
 
 def panel_spectrum(
@@ -173,11 +170,7 @@ class _Group:
 
 
 class _Panel:
-    """The bins ``first`` to ``last``.
-
-    nodes : (Q,) Hz. fits : whether MOST_NODES are enough.
-    shift : what is taken off the paths, over the radius, as a function of the angle.
-    """
+    """The bins ``first`` to ``last``. nodes : (Q,) Hz. fits : whether MOST_NODES are enough."""
 
     def __init__(self, group: _Group, first: int, last: int) -> None:
         self.group, self.first = group, first
@@ -190,18 +183,17 @@ class _Panel:
         self.typical = float(
             np.average(group.paths.length, weights=loud)
         )  # m; air is taken off so far
-        nodes, self.shift = self._nodes()
-        self.fits = nodes is not None
-        self.nodes = self.frequency[:0] if nodes is None else nodes
+        self.nodes = self._nodes()
+        self.fits = len(self.nodes) <= MOST_NODES
 
-    def _nodes(self) -> tuple[np.ndarray | None, Shift]:
-        """The fewest nodes that the thickest trunks need, with the better of two shifts."""
+    def _nodes(self) -> np.ndarray:
+        """The fewest nodes that the thickest trunks need."""
         if len(self.frequency) <= FEW_BINS:
-            return self.frequency, middle
-        tried = self._spread(TRIED_NODES)
+            return self.frequency
+        ends = float(self.frequency[0]), float(self.frequency[-1])
+        tried = chebyshev.points(TRIED_NODES, *ends)
         z = self._wavenumber(tried) * self.group.thickest
         step = -(-len(self.boxes.angles) // TRIED_ANGLES)
-        angles = self.boxes.angles[::step]
         values = self.boxes.table.at(z, slice(None, None, step))
         # what the air leaves of it, relative to the loudest trunks'
         farther = self.group.farther
@@ -211,20 +203,10 @@ class _Panel:
         if self.group.gain is not None:
             left *= self.group.gain.at(tried, farther).T
             left /= np.sqrt(np.mean(np.abs(left) ** 2, axis=0))
-        best, shift = MOST_NODES + 1, middle
-        for way in (near_face, middle):
-            turned = values * np.exp(-1j * np.outer(z, way(angles) - middle(angles)))
-            size = np.abs(chebyshev.coefficients(turned[:, :, None] * left[:, None], 0)).max(axis=2)
-            tail = np.cumsum(size[::-1], axis=0)[::-1]
-            large = (tail > self.group.allowed * np.abs(values).min(axis=0)).any(axis=1)
-            count = max(3, int(np.flatnonzero(large)[-1]) + 2)
-            if count < best:
-                best, shift = count, way
-        return (self._spread(best) if best <= MOST_NODES else None), shift
-
-    def _spread(self, count: int) -> np.ndarray:
-        low, high = self.frequency[[0, -1]]
-        return low + 0.5 * (high - low) * (chebyshev.points(count) + 1.0)
+        size = np.abs(chebyshev.coefficients(values[:, :, None] * left[:, None], 0)).max(axis=2)
+        tail = np.cumsum(size[::-1], axis=0)[::-1]
+        large = (tail > self.group.allowed * np.abs(values).min(axis=0)).any(axis=1)
+        return chebyshev.points(max(3, int(np.flatnonzero(large)[-1]) + 2), *ends)
 
     def _wavenumber(self, frequency: np.ndarray) -> np.ndarray:
         return 2.0 * math.pi / self.group.speed * frequency
@@ -237,7 +219,7 @@ class _Panel:
         level *= np.exp(-self.typical * self.group.loss(self.frequency))
         grid = DelayGrid(count, len(k), group.kernel)
         checked = []
-        for rows, heights in self.boxes.heights(k, self.shift):
+        for rows, heights in self.boxes.heights(k):
             probed = np.flatnonzero(group.probed[rows])
             checked.append((rows[probed], heights[probed]))
             paths = group.paths.select(rows)
@@ -245,7 +227,7 @@ class _Panel:
             if group.gain is not None:
                 heights *= group.gain.at(self.nodes, paths.length)
             weight = paths.weight * paths.radius**2
-            delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
+            delay = (paths.length - paths.radius * middle(paths.angle)) / group.speed
             middle_of = self.frequency[count // 2] * delay
             grid.add(delay * group.spacing, middle_of, heights.T, weight[:, None])
         probes, of_probes = (np.concatenate(each) for each in zip(*checked, strict=True))
@@ -270,13 +252,12 @@ class _Panel:
             summed = heights @ chebyshev.lagrange(len(self.nodes), 2.0 * share - 1.0)[:, 0]
         z = k * some.radius
         exact = np.conj(np.exp(0.25j * math.pi) * scattering_sum(z, some.angle, self.group.bark))
-        exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * self.shift(some.angle))
+        exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * middle(some.angle))
         size = some.weight * some.radius**2
         error = np.linalg.norm(size * (summed - exact)) / np.linalg.norm(size * exact)
         self.checks.append((frequency, float(error)))
 
 
-Shift = Callable[[np.ndarray], np.ndarray]  # of angles
 REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
 TURN, WIDEST_TURN = 0.75, 6.0  # radians by which H turns from the middle of a box to its side
 FULL = 40  # trunks a box; with fewer, boxes are larger
@@ -320,11 +301,12 @@ class Boxes:
         low, high = wavenumber[0] * radius.min(), wavenumber[1] * radius.max()
         self.table = FieldTable(float(low), float(high), self.angles, bark)
 
-    def heights(self, k: np.ndarray, shift: Shift) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def heights(self, k: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Rows (m,) of some trunks and their H·k^{-3/2}/a² (m, Q) at wavenumbers (Q,), until all were."""
         sectors, bins = self.sectors, self.bins
         for rows in _some_of(self.alone):
-            yield rows, self._each_alone(rows, k, shift)
+            column = len(self.angles) - len(self.alone) + np.searchsorted(self.alone, rows)
+            yield rows, self.table.each(np.outer(self.paths.radius[rows], k), column)
         of = np.searchsorted(self.filled, sectors.of)
         of[self.alone] = len(self.filled)
         key = of * bins.count + bins.of
@@ -334,7 +316,7 @@ class Boxes:
         for first in range(0, len(self.filled), several):
             last = min(first + several, len(self.filled))
             columns = slice(first * sectors.nodes, last * sectors.nodes)
-            series = self._series(k, shift, columns)
+            series = self._series(k, columns)
             ends = np.searchsorted(key, np.array([first, last]) * bins.count, sorter=order)
             for rows in _some_of(order[slice(*ends)]):
                 across = bins.polynomials(rows)
@@ -349,30 +331,16 @@ class Boxes:
                     np.matmul(basis[start:end], series[box[start]], out=out)
                 yield rows, heights
 
-    def _series(self, k: np.ndarray, shift: Shift, columns: slice) -> np.ndarray:
+    def _series(self, k: np.ndarray, columns: slice) -> np.ndarray:
         """(S·B, T, 2Q) real coefficients in the boxes of some sectors and all bins."""
-        radii, angles, nodes = self.bins.points(), self.angles[columns], self.sectors.nodes
-        z = np.multiply.outer(radii, k)  # (B, A, Q)
+        nodes, z = self.sectors.nodes, np.multiply.outer(self.bins.points(), k)  # (B, A, Q)
         values = self.table.at(z.ravel(), columns)
-        if shift is not middle:
-            values *= np.exp(-1j * np.outer(z, shift(angles) - middle(angles)))
         values = values.reshape(*z.shape, -1, nodes)  # (B, A, Q, S, C)
         packed = np.ascontiguousarray(values.transpose(3, 0, 4, 1, 2)).view(np.float64)
         across = chebyshev.coefficients(np.eye(self.bins.nodes), 0)
         around = zip(chebyshev.coefficients(np.eye(nodes), 0), self.kept, strict=True)
         terms = np.concatenate([np.kron(one, across[:kept]) for one, kept in around])
         return np.asarray(terms @ packed.reshape(-1, terms.shape[1], 2 * len(k)))
-
-    def _each_alone(self, rows: np.ndarray, k: np.ndarray, shift: Shift) -> np.ndarray:
-        """(m, Q) of the trunks of sparse sectors."""
-        first = len(self.filled) * self.sectors.nodes
-        column = first + np.searchsorted(self.alone, rows)
-        z = np.outer(self.paths.radius[rows], k)
-        angle = self.paths.angle[rows]
-        heights = self.table.each(z, column)
-        if shift is not middle:
-            heights *= np.exp(-1j * z * (shift(angle) - middle(angle))[:, None])
-        return heights
 
 
 def _some_of(rows: np.ndarray) -> Iterator[np.ndarray]:
@@ -402,7 +370,7 @@ class _Side:
 
     def points(self) -> np.ndarray:
         """(parts, nodes) Chebyshev points of each part."""
-        within = 0.5 * (chebyshev.points(self.nodes) + 1.0)
+        within = chebyshev.points(self.nodes, 0.0, 1.0)
         return self.low + self.step * (np.arange(self.count)[:, None] + within)
 
     def polynomials(self, rows: np.ndarray) -> np.ndarray:
@@ -436,11 +404,6 @@ def middle(angle: np.ndarray) -> np.ndarray:
     return np.sin(0.5 * angle) - 0.5 * angle
 
 
-def near_face(angle: np.ndarray) -> np.ndarray:
-    """Lead, over the radius, of the echo off the near face before the axis' own time."""
-    return 2.0 * np.sin(0.5 * angle)
-
-
 class FieldTable:
     """H·k^{-3/2}/a²·e^{-iz·middle(φ)} for z from ``low`` to ``high`` at angles (C,)."""
 
@@ -448,8 +411,7 @@ class FieldTable:
         ends = np.array([0.0, *STRETCHES, *np.arange(STRETCHES[-1] + WIDTH, high + WIDTH, WIDTH)])
         first = max(0, int(np.searchsorted(ends, low)) - 1)
         self._ends = ends[first : int(np.searchsorted(ends, high)) + 1]
-        span = np.diff(self._ends)
-        z = self._ends[:-1, None] + span[:, None] * 0.5 * (chebyshev.points(NODES) + 1.0)
+        z = chebyshev.points(NODES, self._ends[:-1, None], self._ends[1:, None])
         values = field(z.ravel(), angles, bark)
         values *= np.exp(-1j * np.outer(z, middle(angles))) * ((1.0 + z**2) ** 0.75).reshape(-1, 1)
         self._series = chebyshev.coefficients(values.reshape(len(z), NODES, len(angles)), 1)

@@ -24,9 +24,8 @@ arrival's own; ``undone`` changes the filters of such sounds accordingly.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,26 +48,21 @@ BEND = 40.0  # Hz, from where on knots are spaced evenly by the logarithm of fre
 KNOTS, MOST_KNOTS = 128, 1024  # in frequency, at first and at most
 BETWEEN = 0.3  # of the tolerance, by which a spline through half of its knots may miss the others
 
-Values = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and length
-
 
 @dataclass(frozen=True)
 class Zone:
-    """Path lengths from ``low`` to ``high``, of one of the ways over the ground.
+    """Path lengths from ``low`` to twice that, of one of the ways over the ground, or of all together.
 
-    nodes : (Q,) metres. rise : of the way, by which its sound comes later than the path's; 0: not at all.
-    values : what its gain is by frequency and length.
+    rise : of the way, by which its sound comes later than the path's; None: of all. nodes : (Q,) metres.
     """
 
     low: float
-    high: float
+    rise: float | None
     nodes: np.ndarray
-    rise: float
-    values: Values
 
     def polynomials(self, length: np.ndarray) -> np.ndarray:
         """(M, Q) Chebyshev polynomials at lengths (M,)."""
-        place = 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
+        place = 2.0 * np.log2(length / self.low) - 1.0
         return chebyshev.polynomials(place, len(self.nodes)).T
 
 
@@ -83,8 +77,8 @@ class PathGain:
     highest: float
     tolerance: float
     whole: bool = False
-    _zones: dict[tuple[int, float], Zone] = field(default_factory=dict)
-    _splines: dict[tuple[float, float], CubicSpline | None] = field(default_factory=dict)
+    _zones: dict[tuple[float, float | None], Zone] = field(default_factory=dict)
+    _splines: dict[tuple[float, float | None], CubicSpline | None] = field(default_factory=dict)
 
     @property
     def near(self) -> float:
@@ -96,8 +90,8 @@ class PathGain:
         number = _number(length)
         for n in np.unique(number).tolist():
             rows = np.flatnonzero(number == n)
-            for rise in self.losses.rises if 2.0**n < self.near else (0.0,):
-                yield self._zone(n, rise), rows
+            for rise in self.losses.rises if 2.0**n < self.near else (None,):
+                yield self._zone(2.0**n, rise), rows
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
         """(Q, F) of a zone's polynomials, at rising frequencies."""
@@ -108,7 +102,7 @@ class PathGain:
         if spline is not None:
             inside = np.clip(frequency, LOWEST, self.highest)
             return np.asarray(spline(np.log1p(inside / BEND)))
-        values = zone.values(frequency, zone.nodes[:, None])
+        values = self._values(frequency, zone.nodes[:, None], zone.rise)
         return np.asarray(chebyshev.coefficients(values, 0))
 
     def _spline(self, zone: Zone) -> CubicSpline | None:
@@ -118,7 +112,7 @@ class PathGain:
         low, high = (math.log1p(f / BEND) for f in (min(LOWEST, self.highest), self.highest))
 
         def values_at(place: np.ndarray) -> np.ndarray:
-            return np.asarray(zone.values(BEND * np.expm1(place), zone.nodes[:, None]))
+            return self._values(BEND * np.expm1(place), zone.nodes[:, None], zone.rise)
 
         place = np.linspace(low, high, KNOTS + 1)
         values = values_at(place)
@@ -141,7 +135,7 @@ class PathGain:
             filters = self.filters(zone, frequency).astype(np.complex128)
             # real times complex, without making the polynomials complex
             part = (zone.polynomials(length[rows]) @ filters.view(np.float64)).view(np.complex128)
-            if zone.high <= self.near and zone.rise > 0:
+            if zone.rise:
                 detour = self.losses.detour(length[rows], zone.rise)
                 part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
             if len(rows) == len(length):
@@ -150,36 +144,29 @@ class PathGain:
                 gain[rows] += part
         return gain
 
-    def _zone(self, number: int, rise: float) -> Zone:
-        if (number, rise) not in self._zones:
-            near = 2.0**number < self.near
-            low, ratio = 2.0**number, 2.0
-            values: Values = partial(self._near, rise=rise) if near else self._far
-            nodes = self._nodes(low, ratio, values)
-            self._zones[number, rise] = Zone(low, low * ratio, nodes, rise, values)
-        return self._zones[number, rise]
+    def _zone(self, low: float, rise: float | None) -> Zone:
+        if (low, rise) not in self._zones:
+            self._zones[low, rise] = Zone(low, rise, self._nodes(low, rise))
+        return self._zones[low, rise]
 
-    def _near(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
-        gain = self.losses.share(frequency, length, rise)
-        gain = gain * self.losses.of_trunks(frequency, length)
-        if not self.whole:
-            return gain
-        path = length + self.losses.detour(length, rise)
-        return np.asarray(gain * np.exp(-self.losses.along(frequency) * path))
+    def _values(self, frequency: np.ndarray, length: np.ndarray, rise: float | None) -> np.ndarray:
+        """Gain by frequency and length; rise : as of a zone."""
+        losses, path = self.losses, length
+        if rise is None:
+            gain = losses.of_ground(frequency, length)
+        else:
+            gain = losses.share(frequency, length, rise)
+            path = length + losses.detour(length, rise)
+        gain = gain * losses.of_trunks(frequency, length)
+        return gain * np.exp(-losses.along(frequency) * path) if self.whole else gain
 
-    def _far(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
-        gain = self.losses.gain(frequency, length)
-        if not self.whole:
-            return gain
-        return np.asarray(gain * np.exp(-self.losses.along(frequency) * length))
-
-    def _nodes(self, low: float, ratio: float, of: Values) -> np.ndarray:
+    def _nodes(self, low: float, rise: float | None) -> np.ndarray:
         """The fewest Chebyshev points in log x that serve at all frequencies."""
         frequency = np.geomspace(min(LOWEST, self.highest), self.highest, TRIED)
         count = 24
         while True:
-            length = low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))
-            values = of(frequency[None], length[:, None])
+            length = low * 2.0 ** chebyshev.points(count, 0.0, 1.0)
+            values = self._values(frequency[None], length[:, None], rise)
             size = np.abs(chebyshev.coefficients(values[:, :, None], 0)[:, :, 0])
             tail = np.cumsum(size[::-1], axis=0)[::-1]
             allowed = SHARE * self.tolerance * np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
@@ -188,8 +175,7 @@ class PathGain:
             if needed <= 0.75 * count or count >= MOST:
                 break
             count *= 2
-        count = max(1, min(needed, count))
-        return low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))
+        return low * 2.0 ** chebyshev.points(max(1, min(needed, count)), 0.0, 1.0)
 
 
 def _number(length: np.ndarray) -> np.ndarray:

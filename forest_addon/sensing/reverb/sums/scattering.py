@@ -25,6 +25,7 @@ from ..trunks import Trunks
 from .bands import OctaveBand, bands_of, samples_of
 
 Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path length
+Check = tuple[float, float]  # Hz, and relative error of H there, root mean square over some trunks
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
