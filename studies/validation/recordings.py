@@ -394,13 +394,9 @@ def expected_energy(
         once, again = (part[row] for part in tail.energies(length))
         lost = np.exp(-2.0 * np.outer(losses.along(band * LINES), length)).mean(axis=0)
         ground = np.mean([losses.unthinned.mean_square(f, length) for f in band * LINES], axis=0)
-        scattered_again = (once + again) * ground * lost
-        if tail.diffuse is not None:
-            of_air = float(losses.of_air(np.array([band]))[0])
-            scattered_again = scattered_again + tail.turned(row, length) * np.exp(
-                -2.0 * of_air * length
-            )
-        scattered.append(scattered_again)
+        of_air = float(losses.of_air(np.array([band]))[0])
+        turned = tail.turned(length)[row] * np.exp(-2.0 * of_air * length)
+        scattered.append((once + again) * ground * lost + turned)
         straight = losses.unthinned.mean_square(band * LINES, np.array(distance))
         taken = 2.0 * losses.along(band * LINES) + losses.removed(band * LINES)
         direct.append(float(np.mean(straight * np.exp(-taken * distance))) / distance**2)

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy import fft
 
-from ...acoustics.air import absorption
 from ..audit import LEAST, AuditPart, figures
 from .band import SPREAD, roll_off
 from .channels import ImpulseResponse
@@ -115,9 +114,7 @@ class Channel:
     @cached_property
     def weak(self) -> dict[str, Any]:
         """Number and bound of the trunks that are left out as too weak."""
-        weak = self.pair.loud[1]
-        none = {"weak": 0, "weak_bound": 0.0}
-        return none if weak is None else weak.told(self.found.samples, self.rate)
+        return self.pair.loud[1].told(self.found.samples, self.rate)
 
     @cached_property
     def paths(self) -> TrunkPaths:
@@ -160,14 +157,13 @@ class Channel:
 
     def figures(self) -> dict[str, object]:
         """Figures of the response besides its sums, computed again."""
-        pair, result, weak = self.pair, self.found, self.pair.loud[1]
-        paths = self.paths if weak is None else self.paths.select(~weak.rows)
+        pair, result = self.pair, self.found
+        forest, weak = pair.loud
+        paths = self.paths.select(~weak.rows)
         reverb, rate, count = pair.reverb, self.rate, len(result.trees)
         heard = paths.earliest <= (count + SPREAD) / rate * self.speed
-        tree = pair.forest.tree if weak is None else pair.forest.tree[~weak.rows]
         straight = max(math.dist(pair.source, pair.receiver), NEAREST)
-        ours = len(pair.trunks)
-        ours -= int(weak.rows[:ours].sum()) if weak is not None else 0
+        ours = int((~weak.rows[: len(pair.trunks)]).sum())
         part = count
         if math.isfinite(self.last):
             part = min(count, math.ceil(self.last / self.speed * rate) + 1)
@@ -183,7 +179,7 @@ class Channel:
             "direct_clear": pair.clear[0],
             "ground_clear": pair.clear[1],
             "trunks": int(heard.sum()),
-            "stands": trees_of(tree[heard]),
+            "stands": trees_of(forest.tree[heard]),
             "continued": int(heard[ours:].sum()),
             "late": int((~heard).sum()),
             "clamped": int(paths.clamped.sum()),
@@ -216,11 +212,11 @@ def _arrivals(channel: Channel) -> list[AuditPart]:
 def _arrival(channel: Channel, path: float, gain: Gain, count: int) -> np.ndarray:
     """(count,) samples of an arrival: ∫ gain(f)/path·e^{-b·path}·e^{i2πf(t - path/c)}, by frequencies half
     way between those of its record, so that what comes round is of the other sign."""
-    air, rate = channel.pair.air, channel.rate
+    rate = channel.rate
     late = path / channel.speed
     size = int(fft.next_fast_len(2 * (count + math.ceil((late + RINGING) * rate))))
     frequency = (np.arange(size // 2) + 0.5) * (rate / size)
-    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+    loss = loss_per_metre(frequency, channel.pair.air)
     spectrum = gain(frequency) / path * np.exp(-loss * path) * roll_off(frequency / rate)
     spectrum = spectrum * np.exp(-2j * math.pi * frequency * late)
     half = np.exp(1j * math.pi / size * np.arange(count))

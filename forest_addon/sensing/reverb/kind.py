@@ -58,10 +58,9 @@ def trunks_between(
 
 
 def response_inputs(job: Observation) -> dict[str, Any]:
-    """Arguments of ``impulse_response`` and of ``pairs_of`` that a scene gives."""
+    """Arguments of ``pairs_of`` that a scene gives."""
     from .directivity import directivity_of
     from .ends import ends_of
-    from .hearing import hearing_of
 
     reverb, seen, settings = job.sensor, job.seen, job.settings
     ends = ends_of(reverb, seen.places, job.folder)
@@ -71,7 +70,6 @@ def response_inputs(job: Observation) -> dict[str, Any]:
         "air": settings.air,
         "ends": ends,
         "directivity": directivity_of(reverb, job.folder),
-        "hearing": hearing_of(reverb, job.folder),
         "wood": seen.wood,
         "rng": stream(settings.seed, "reverb", reverb.name, "continuation"),
         "field": (settings.forest.origin, settings.forest.size),
@@ -82,10 +80,12 @@ def response_inputs(job: Observation) -> dict[str, Any]:
 
 def _respond(job: Observation, progress: Progress | None) -> Any:
     """Impulse responses between all ends."""
+    from .hearing import hearing_of
     from .response import impulse_response
 
     response = impulse_response(
         **response_inputs(job),
+        hearing=hearing_of(job.sensor, job.folder),
         expansions=job.seen.expansions,
         progress=progress,
         all_trunks=job.settings.accuracy.detail == "full",
@@ -113,6 +113,7 @@ def _sprays(job: Observation) -> tuple[str, ...]:
 
 def _audit(job: Observation, found: Any) -> list[AuditPart]:
     from .audit import parts_of_response
+    from .hearing import hearing_of
     from .response import pairs_of
 
     reverb = job.sensor
@@ -120,7 +121,7 @@ def _audit(job: Observation, found: Any) -> list[AuditPart]:
         reverb = reverb.changed(duration=len(found.samples) / found.sample_rate)
     given = response_inputs(replace(job, sensor=reverb))
     pairs = pairs_of(**given, all_trunks=job.settings.accuracy.detail == "full")
-    share, hearing = job.settings.accuracy.audit, given["hearing"]
+    share, hearing = job.settings.accuracy.audit, hearing_of(reverb, job.folder)
     parts = parts_of_response(found, pairs, job.seen.expansions, share, hearing)
     return [*parts, figures(vars(found), {"sprays": _sprays(job)})]
 

@@ -19,7 +19,6 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
-from ...acoustics.air import absorption
 from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
 from ...acoustics.spectrum import delay_factors
 from ...base.progress import Progress
@@ -29,7 +28,7 @@ from ..rays.caster import RayCaster
 from .band import SPREAD, roll_off
 from .channels import ImpulseResponse
 from .directivity import OMNI, Directivity, Term
-from .forest.losses import Losses
+from .forest.losses import Losses, loss_per_metre
 from .forest.surroundings import Surroundings
 from .forest.tail import FADE, Tail, tail_of
 from .forest.transport import Sent
@@ -81,9 +80,7 @@ class Pair:
         """The response with trunks of the field and those beyond it."""
         rate, air = self.reverb.sample_rate, self.air
         forest, weak = self.loud
-        ours = len(self.trunks)
-        if weak is not None:
-            ours -= int(weak.rows[:ours].sum())
+        ours = int((~weak.rows[: len(self.trunks)]).sum())
         tail = self.tail(expansions)
         last = FADE * tail.joint if tail else math.inf
         trees = self.trees(forest, expansions, progress, last)
@@ -126,16 +123,17 @@ class Pair:
             at=self.at,
             stand=self.around.stand if self.around else None,
         )
-        return response if weak is None else replace(response, **weak.told(response.samples, rate))
+        return replace(response, **weak.told(response.samples, rate))
 
     @cached_property
-    def loud(self) -> tuple[Trunks, Weak | None]:
+    def loud(self) -> tuple[Trunks, Weak]:
         """Trunks that are summed, and those that add next to nothing, where they are left out."""
+        forest = self.forest
         if self.all_trunks:
-            return self.forest, None
+            return forest, Weak(np.zeros(len(forest), bool), np.zeros(0))
         given = self.reverb, self.air, self.losses, self.directivity, self.clear[0]
-        weak = weak_between(self.forest, self.source, self.receiver, *given)
-        return self.forest.select(~weak.rows), weak
+        weak = weak_between(forest, self.source, self.receiver, *given)
+        return forest.select(~weak.rows), weak
 
     @property
     def forest(self) -> Trunks:
@@ -287,7 +285,7 @@ def arrival(
     last = math.ceil((delay + rings) * rate)
     size = fft.next_fast_len(max(count, last) + 2 * SPREAD, real=True)
     frequency = np.arange(size // 2 + 1) * (rate / size)
-    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+    loss = loss_per_metre(frequency, air)
     carried = delay_factors(0.0, rate / size, len(frequency), np.array([delay]))[:, 0]
     spectrum = gain(frequency) / path * np.exp(-loss * path) * carried * roll_off(frequency / rate)
     return fft.irfft(spectrum, size)[:count]

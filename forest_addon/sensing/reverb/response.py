@@ -112,7 +112,6 @@ def pairs_of(
     *,
     ends: Ends | None = None,
     directivity: Directivity = OMNI,
-    hearing: Hearing = OMNI_EAR,
     wood: RayCaster | None = None,
     rng: np.random.Generator | None = None,
     field: Field | None = None,

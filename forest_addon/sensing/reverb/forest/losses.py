@@ -143,8 +143,7 @@ class Losses:
 
     def of_air(self, frequency: np.ndarray) -> np.ndarray:
         """(F,) nepers of amplitude per metre that the air takes."""
-        air = self.air
-        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+        return loss_per_metre(frequency, self.air)
 
     def of_clutter(self, frequency: np.ndarray) -> np.ndarray:
         """(F,) nepers of amplitude per metre that leaves and branches take, and scatter away."""
@@ -312,7 +311,7 @@ class Losses:
         return 0.5 * between
 
 
-def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np.ndarray:
+def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None = None) -> np.ndarray:
     """(F,) nepers of amplitude that the air takes, and leaves."""
     if losses is not None:
         return losses.along(frequency)

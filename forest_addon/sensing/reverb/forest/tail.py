@@ -120,10 +120,7 @@ class Tail:
         """(B, X) a metre that arrives, scattered once by trunks, and more than once or by branches."""
         once, again = self.energies(length)
         kept, left = self.left(length)
-        if self.diffuse is None:
-            return once * kept, again * kept
-        turned = np.array([self.turned(row, length) for row in range(len(self.diffuse))])
-        return once * kept, again * kept + turned * left
+        return once * kept, again * kept + self.turned(length) * left
 
     def left(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(B, X) shares of the energy that are left of level sound, and of what branches or leaves turned."""
@@ -194,28 +191,25 @@ class Tail:
         )
         if self.diffuse is None:
             return np.asarray(mean_square), None
-        turned = np.log(
-            np.maximum([self.turned(row, length) for row in range(len(self.diffuse))], LEAST)
-        )
+        turned = np.log(np.maximum(self.turned(length), LEAST))
         energy = np.exp((1.0 - share) * turned[low] + share * turned[low + 1]).T
         lost = np.exp(-2.0 * np.outer(length, self.losses.of_air(frequency)))
         return np.asarray(mean_square), energy * slope * lost
 
-    def turned(self, band: int, length: np.ndarray) -> np.ndarray:
-        """(X,) a metre that branches or leaves turned, of one octave; beyond the last bin as it fell."""
-        if self.diffuse is None:
-            return np.zeros(len(length))
-        energy = self.diffuse[band]
-        middle = self.energy[0].middle
-        heard = np.flatnonzero(energy > 0)
-        if len(heard) < 2:
-            return np.zeros(len(length))
-        last = heard[-1]
-        logarithm = np.interp(length, middle[heard], np.log(energy[heard]))
-        first = heard[max(0, len(heard) - 1 - TREND)]
-        fall = min(0.0, math.log(energy[last] / energy[first]) / (middle[last] - middle[first]))
-        logarithm += fall * np.maximum(length - middle[last], 0.0)
-        return np.where(length >= self.energy[0].edges[0], np.exp(logarithm), 0.0)
+    def turned(self, length: np.ndarray) -> np.ndarray:
+        """(B, X) a metre that branches or leaves turned; beyond the last bin as it fell."""
+        turned = np.zeros((len(self.band), len(length)))
+        middle, first = self.energy[0].middle, self.energy[0].edges[0]
+        for row, energy in enumerate(() if self.diffuse is None else self.diffuse):
+            heard = np.flatnonzero(energy > 0)
+            if len(heard) < 2:
+                continue
+            last, before = heard[-1], heard[max(0, len(heard) - 1 - TREND)]
+            fall = math.log(energy[last] / energy[before]) / (middle[last] - middle[before])
+            logarithm = np.interp(length, middle[heard], np.log(energy[heard]))
+            logarithm += min(0.0, fall) * np.maximum(length - middle[last], 0.0)
+            turned[row] = np.where(length >= first, np.exp(logarithm), 0.0)
+        return turned
 
 
 def tail_of(
@@ -244,6 +238,7 @@ def tail_of(
     bands = np.array(octave_bands(reverb.sample_rate))
     edges = np.geomspace(apart * 1.0001, last, BINS + 1)
     way = "coherent" if reverb.extinction == "coherent" else "energy"
+    ways = [sent(band) for band in bands.tolist()] if sent else ()
     if bare:
         phases = [NO_TRUNK] * len(bands)
         energies = [Energy(edges, np.zeros(BINS), np.zeros(BINS)) for _ in bands]
@@ -251,7 +246,6 @@ def tail_of(
         phases = [PhaseFunction.of(band, radii, speed, losses.bark, way) for band in bands.tolist()]
         near = [_followed(phase, density, edges) for phase in phases]
         rng = stream(int(key[0]), *key[1:], "transport")
-        ways = [sent(band) for band in bands.tolist()] if sent else ()
         given = density, (source[:2], receiver[:2]), edges, near, packets, rng, ways
         energies = [
             _diffused(start, phase, density, edges)
@@ -262,7 +256,6 @@ def tail_of(
     if not clutter.empty:
         layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)
         rng = stream(int(key[0]), *key[1:], "branches")
-        ways = [sent(band) for band in bands.tolist()] if sent else ()
         in_space = diffused(layer, source, receiver, edges, packets, rng, ways)
         turned = in_space.mean(axis=0)
     tail = Tail(bands, tuple(energies), lift, math.inf, losses, turned)

@@ -32,10 +32,10 @@ import numpy as np
 from scipy import fft, special
 
 from ....acoustics import chebyshev
-from ....acoustics.air import absorption, relaxation
+from ....acoustics.air import relaxation
 from ....spec import Air
 from ..band import roll_off
-from ..forest.losses import LOWEST, NEAR, Losses
+from ..forest.losses import LOWEST, NEAR, Losses, loss_per_metre
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -208,7 +208,7 @@ class AirFilter:
         self._block = self._size - 2 * self._tail
         self._hop = self._block - FADE
         frequency = np.arange(self._size // 2 + 1) * (rate / self._size)
-        self._loss = self._loss_at(frequency)
+        self._loss = loss_per_metre(frequency, air)
         half = 0.5 * self._block * self.step
         # e^{-bh} is left of the series: at the block's near end it was 1
         some = np.append(self._loss[::SEEN], self._loss[-1])
@@ -290,7 +290,7 @@ class AirFilter:
         """Transform, loss (F,), and the series' gains (Q, F) and shapes (Q, hop), for T samples."""
         if count not in self._lifts:
             size = fft.next_fast_len(count + 2 * self._tail, real=True)
-            loss = self._loss_at(np.arange(size // 2 + 1) * (self.rate / size))
+            loss = loss_per_metre(np.arange(size // 2 + 1) * (self.rate / size), self.air)
             hop = min(self._hop, count)
             half = 0.5 * hop * self.step
             orders = np.arange(len(self._shapes))[:, None]
@@ -299,8 +299,3 @@ class AirFilter:
             place = chebyshev.polynomials((2.0 * np.arange(hop) + 1.0) / hop - 1.0, terms)
             self._lifts[count] = size, loss, scaled[:terms] * np.exp(half * loss), place
         return self._lifts[count]
-
-    def _loss_at(self, frequency: np.ndarray) -> np.ndarray:
-        """Nepers per metre."""
-        air = self.air
-        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)

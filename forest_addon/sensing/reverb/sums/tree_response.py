@@ -37,13 +37,12 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from ....acoustics.air import absorption
 from ....acoustics.cylinder import order_count, partial_waves
 from ....base.progress import Progress
 from ....spec import Air, Reverb
 from ..band import SPREAD
 from ..directivity import Directivity
-from ..forest.losses import Losses
+from ..forest.losses import Losses, loss_per_metre
 from ..metrics import octave_bands
 from ..trunks import Trunks
 from .fast_scattering import FEW_RADII, FINEST, Expansions
@@ -156,7 +155,7 @@ def arrival_energies(
     losses : of the paths by way of trunks; None: the air takes all.
     """
     band = np.array(octave_bands(sample_rate))
-    loss = absorption(band, air.temperature_c, air.humidity, air.pressure_kpa)
+    loss = loss_per_metre(band, air)
     wavenumber = 2.0 * math.pi * band / air.speed()
     thickest = max(1e-3, float((wavenumber.max(initial=0.0) * paths.radius).max(initial=0.0)))
     size = np.geomspace(1e-4, thickest, SIZES)
@@ -278,7 +277,7 @@ WITH_GROUND = 2.0  # times as loud as a path alone is one with its reflection, a
 
 @dataclass(frozen=True)
 class Weak:
-    """rows : (M,) bool, which paths may be left out. norms : (B,) that they add at most in each octave."""
+    """rows : (M,) bool, which paths are left out. norms : (B,) that they add at most in each octave."""
 
     rows: np.ndarray
     norms: np.ndarray
@@ -359,7 +358,7 @@ def _largest(paths: TrunkPaths, bands: np.ndarray, air: Air) -> np.ndarray:
     waves = np.abs(partial_waves(size, order_count(thickest)))
     answer = (waves[0] + 2.0 * waves[1:].sum(axis=0)) * np.sqrt(2.0 / (math.pi * size))
     answer = np.maximum.accumulate(answer)  # of all sizes up to each
-    loss = absorption(low, air.temperature_c, air.humidity, air.pressure_kpa)
+    loss = loss_per_metre(low, air)
     norms = np.empty((len(bands), len(paths.length)))
     for row in range(len(bands)):
         above = np.searchsorted(size, k[row] * paths.radius)  # the next larger: never too small
