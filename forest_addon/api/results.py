@@ -37,48 +37,6 @@ from ..sensing.sonar.echo import Echo, PingSeries
 from ..spec import Choice, Sensor, SpecError
 from .given import file_to_write, path_of, points_of
 
-
-def dataset_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
-    """An ``xarray.Dataset`` of what a sensor found; every variable has its unit in ``attrs["units"]``.
-
-    about : its own attributes.
-
-    Raises
-    ------
-    SpecError : xarray is not installed.
-    """
-    xarray = library("xarray", "analysis", "xarray")
-    variables, coordinates = (
-        {
-            name: (dims, values, {"units": unit} if unit else {})
-            for name, (dims, values, unit) in part.items()
-        }
-        for part in labelled_of(sensor, found)
-    )
-    return xarray.Dataset(variables, coordinates, about)
-
-
-def frame_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
-    """A ``pandas.DataFrame`` of what a sensor found, a row a point or sample; ``attrs`` has units by column.
-
-    A result of several dimensions has its coordinates as columns. about : further attributes.
-
-    Raises
-    ------
-    SpecError : pandas is not installed; or xarray, for a result of several dimensions.
-    """
-    pandas = library("pandas", "analysis", "pandas")
-    variables, coordinates = labelled_of(sensor, found)
-    every = {**variables, **coordinates}
-    if len({dims for dims, *_ in every.values()}) == 1 and not coordinates:
-        made = pandas.DataFrame({name: values for name, (_, values, _) in every.items()})
-    else:
-        made = dataset_of(sensor, found, {}).to_dataframe().reset_index()
-    units = {name: unit for name, (_, _, unit) in every.items() if unit and name in made}
-    made.attrs = {"units": units, **about}
-    return made
-
-
 if TYPE_CHECKING:  # a sensor's physics is imported when it runs
     from ..sensing.trajectory import Trajectory
 
@@ -118,16 +76,36 @@ class Result:
         ------
         SpecError : xarray is not installed (extra ``analysis``); a result without arrays.
         """
-        return dataset_of(self.sensor, self.found, self._facts())
+        xarray = library("xarray", "analysis", "xarray")
+        variables, coordinates = (
+            {
+                name: (dims, values, {"units": unit} if unit else {})
+                for name, (dims, values, unit) in part.items()
+            }
+            for part in labelled_of(self.sensor, self.found)
+        )
+        return xarray.Dataset(variables, coordinates, self._facts())
 
     def to_pandas(self) -> Any:
         """A ``pandas.DataFrame``, a row a point or sample; ``attrs["units"]`` has the units by column.
 
+        A result of several dimensions has its coordinates as columns.
+
         Raises
         ------
-        SpecError : pandas is not installed (extra ``analysis``); a result without arrays.
+        SpecError : pandas is not installed (extra ``analysis``), or xarray, for a result of several
+            dimensions; a result without arrays.
         """
-        return frame_of(self.sensor, self.found, self._facts())
+        pandas = library("pandas", "analysis", "pandas")
+        variables, coordinates = labelled_of(self.sensor, self.found)
+        every = {**variables, **coordinates}
+        if len({dims for dims, *_ in every.values()}) == 1 and not coordinates:
+            made = pandas.DataFrame({name: values for name, (_, values, _) in every.items()})
+        else:
+            made = self.to_xarray().to_dataframe().reset_index()
+        units = {name: unit for name, (_, _, unit) in every.items() if unit and name in made}
+        made.attrs = {"units": units, **self._facts()}
+        return made
 
     def _facts(self) -> dict[str, Any]:
         return {

@@ -149,7 +149,7 @@ class Expansions:
         rest = rest.select(np.argsort(rest.angle))
         gain = self._gain(losses and losses.unthinned, rate, tolerance)
         checks: list[Check] = []
-        whole = whole_energy(_classes(paths), loss_at, speed)
+        whole = energies(_classes(paths), OCTAVES, loss_at, speed).sum(axis=1)
         done = 0
         for band in bands:
             usual = min(USUAL, band.high[0]) if band.high else USUAL
@@ -353,13 +353,6 @@ def _classes(paths: TrunkPaths) -> TrunkPaths:
     return replace(paths.select(slice(len(some))), length=length, radius=radius, weight=weight)
 
 
-def whole_energy(paths: TrunkPaths, loss: Loss, speed: float) -> np.ndarray:
-    """(F,) energy of all trunks at OCTAVES."""
-    return np.array(
-        [energies(paths, OCTAVES[n : n + 1], loss, speed).sum() for n in range(len(OCTAVES))]
-    )
-
-
 def unheard(
     some: TrunkPaths,
     ends: tuple[float, float],
@@ -370,8 +363,8 @@ def unheard(
 ) -> bool:
     """Return whether nothing between two frequencies in Hz would miss some trunks.
 
-    They are fainter there than UNHEARD of the tolerance of all trunks (``whole_energy``), and of their own
-    sound where it is loudest: neither an octave nor a part of the record changes by more than that.
+    whole : (F,) energy of all trunks at OCTAVES. They are fainter there than UNHEARD of the tolerance of all,
+    and of their own sound where it is loudest: neither an octave nor a part of the record changes by more.
     """
     share = min(UNHEARD * tolerance, MOST_UNHEARD) ** 2
     here = np.array(ends)

@@ -65,8 +65,6 @@ SAMPLE, SAMPLE_PRODUCT, POINT = 1.0, 0.03, 20.0
 # ns a value: of a trunk's own spectrum, a product in it; of a product on the grid; and a sector's on top
 OWN, OWN_PRODUCT, GRIDDED, GRID = 12.0, 0.25, 8.0, 5e5
 
-Heights = Callable[[slice], np.ndarray]  # of some trunks, (N, K)
-
 
 class LayerSum:
     """The sum over one layer's sectors, with what the air takes.
@@ -126,12 +124,7 @@ class LayerSum:
             shares = sector.shares(cosine) * paths.weight[:, None]
             start, part = self._one_by_one(number, place, shares, size)
             return base - sector.lead + start, part
-        filters, _ = self._filter_spectra(number, size)
-
-        def heights(rows: slice) -> np.ndarray:
-            return np.asarray(sector.shares(cosine[rows]) * paths.weight[rows, None])
-
-        spectrum = self._gridded(place, heights, filters, size)
+        spectrum = self._gridded(number, paths, cosine, place, size)
         return base - sector.lead, fft.irfft(spectrum.astype(np.complex128), size)
 
     def _one_by_one(
@@ -185,17 +178,13 @@ class LayerSum:
         total = np.zeros(size // 2 + 1, np.complex128)
         for number, rows in _groups(sector_of):
             some, turned = paths.select(rows), cosine[rows]
-            if self._few(len(rows), self.layer.sector(number).terms, len(zone.nodes), size):
+            terms, nodes = self.layer.sector(number).terms, len(zone.nodes)
+            own = len(rows) * (OWN + OWN_PRODUCT * (terms + nodes))
+            if own < GRIDDED * 0.6 * terms * nodes + GRID / size:
                 total += self._own_spectra(number, some, turned, place[rows], size, gain, zone)
             else:
-                total += self._products(number, some, turned, place[rows], size, gain, zone)
+                total += self._gridded(number, some, turned, place[rows], size, gain, zone)
         return base - self.layer.lead, fft.irfft(total, size)
-
-    @staticmethod
-    def _few(trunks: int, terms: int, nodes: int, size: int) -> bool:
-        """Return whether trunks' own spectra cost less than transforms of products."""
-        own = trunks * (OWN + OWN_PRODUCT * (terms + nodes))
-        return own < GRIDDED * 0.6 * terms * nodes + GRID / size
 
     def _placed(self, length: np.ndarray, rise: float, beside: int) -> tuple[np.ndarray, int, int]:
         """Samples (N,) of paths from a first one on, that one, and the length of a transform for them."""
@@ -252,47 +241,42 @@ class LayerSum:
             return factors
         return self._spectra[key]
 
-    def _products(
+    def _gridded(
         self,
         number: int,
         paths: TrunkPaths,
         cosine: np.ndarray,
         place: np.ndarray,
         size: int,
-        gain: PathGain,
-        zone: Zone,
+        gain: PathGain | None = None,
+        zone: Zone | None = None,
     ) -> np.ndarray:
-        """(size // 2 + 1,) spectrum by products of a sector's terms and a zone's."""
+        """(size // 2 + 1,) spectrum of a sector's trunks, by transforms of pulses of their heights in terms,
+        or in products of these and a zone's."""
         sector = self.layer.sector(number)
         filters, kept = self._filter_spectra(number, size, gain, zone)
-        first, second = np.divmod(kept, len(zone.nodes))
-
-        def heights(rows: slice) -> np.ndarray:
-            shares = sector.shares(cosine[rows]) * paths.weight[rows, None]
-            return np.asarray(shares[:, first] * zone.polynomials(paths.length[rows])[:, second])
-
-        return self._gridded(place, heights, filters, size)
-
-    def _gridded(
-        self, place: np.ndarray, heights: Heights, filters: np.ndarray, size: int
-    ) -> np.ndarray:
-        """(size // 2 + 1,) Σ of filters (K, size // 2 + 1) times the transforms of pulses of K heights."""
         total = np.zeros(size // 2 + 1, filters.dtype)
         fine = place * OVERSAMPLING
         several = max(4, GRID_AT_ONCE // (size * OVERSAMPLING))
         for first in range(0, len(filters), several):
-            terms = slice(first, first + several)
-            count = len(filters[terms])
+            terms = kept[first : first + several]
+            count = len(terms)
             grid = grid_of(1, size * OVERSAMPLING, -(-count // 2))
             for start in range(0, len(place), TRUNKS_AT_ONCE):
                 some = slice(start, start + TRUNKS_AT_ONCE)
+                heights = sector.shares(cosine[some]) * paths.weight[some, None]
+                if zone is None:
+                    heights = heights[:, terms]
+                else:
+                    one, other = np.divmod(terms, len(zone.nodes))
+                    heights = heights[:, one] * zone.polynomials(paths.length[some])[:, other]
                 at = fine[some]
                 pairs = np.zeros((len(at), -(-count // 2)), np.complex128)  # of real heights
-                pairs.view(np.float64)[:, :count] = heights(some)[:, terms]
+                pairs.view(np.float64)[:, :count] = heights
                 lay(self.kernel, at, np.zeros(len(at)), pairs.T, np.ones((len(at), 1)), grid)
             pulses = grid[0].view(np.float64)[:, :count].astype(self.dtype)
             spectra = fft.rfft(pulses.T, axis=1)[:, : size // 2 + 1]
-            total += np.einsum("kf,kf->f", spectra, filters[terms])
+            total += np.einsum("kf,kf->f", spectra, filters[first : first + several])
         return total
 
     def _filters_of(self, number: int) -> np.ndarray:
