@@ -30,9 +30,9 @@ from .hearing import OMNI_EAR, Hearing, encoded
 from .model_error import model_error
 from .pair import Gain, Pair, filtered, trees_of
 from .sums.bands import OctaveBand, bands_of
-from .sums.fast_scattering import FINEST, Expansions, arrivals_of, judged
+from .sums.fast_scattering import Expansions, arrivals_of, judged
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
-from .sums.tree_response import NEAREST, left_out_db, soon_summed
+from .sums.tree_response import NEAREST, left_out_db, part_until, summed_exactly
 
 WORK = 2e6, 5e6  # trunks by frequencies that are summed again, of a pair at least and at most
 FEWEST = 20  # trunks whose piece of a record says something
@@ -164,15 +164,8 @@ class Channel:
         heard = paths.earliest <= (count + SPREAD) / rate * self.speed
         straight = max(math.dist(pair.source, pair.receiver), NEAREST)
         ours = int((~weak.rows[: len(pair.trunks)]).sum())
-        part = count
-        if math.isfinite(self.last):
-            part = min(count, math.ceil(self.last / self.speed * rate) + 1)
-        few = soon_summed(
-            paths.radius[heard & (paths.earliest <= self.last)],
-            part,
-            pair.losses is None or pair.losses.passes,
-        )
-        within = int((heard & (paths.earliest <= self.last)).sum())
+        part = part_until(self.last / self.speed, rate, count)
+        within = paths.radius[heard & (paths.earliest <= self.last)]
         return self.weak | {
             "sample_rate": reverb.sample_rate,
             "direct_delay": math.dist(pair.source, pair.receiver) / self.speed,
@@ -183,7 +176,7 @@ class Channel:
             "continued": int(heard[ours:].sum()),
             "late": int((~heard).sum()),
             "clamped": int(paths.clamped.sum()),
-            "exact": reverb.tolerance < FINEST or within <= few,
+            "exact": summed_exactly(within, part, reverb.tolerance, pair.losses),
             "left_db": left_out_db(paths, heard, (straight,), rate, pair.air, pair.losses),
             "tail": None if self.tail is None else pair.noise(self.tail, count),
             "joint": self.tail.joint / self.speed if self.tail else math.inf,

@@ -106,10 +106,8 @@ def tree_response(
     heard = paths.earliest <= (duration + SPREAD / rate) * speed
     summed = heard & (paths.earliest <= last)
     within = paths.select(summed)
-    exact = reverb.tolerance < FINEST
-    part = count if math.isinf(last) else min(count, math.ceil(last / speed * rate) + 1)
-    plain = losses is None or losses.passes
-    exact = exact or len(within.length) <= soon_summed(within.radius, part, plain)
+    part = part_until(last / speed, rate, count)
+    exact = summed_exactly(within.radius, part, reverb.tolerance, losses)
     errors: dict[float, float] = {}
     samples = np.zeros(count)
     if exact:
@@ -123,14 +121,17 @@ def tree_response(
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
 
 
-def soon_summed(radius: np.ndarray, count: int, plain: bool) -> int:
-    """Return up to how many trunks the exact sum takes no longer than the fast one.
+def part_until(last: float, rate: float, count: int) -> int:
+    """Samples of a record of ``count`` up to so many seconds."""
+    return count if math.isinf(last) else min(count, math.ceil(last * rate) + 1)
 
-    plain : whether paths have no gain of their own, which takes longer than the trunks do.
-    """
-    few = len(np.unique(radius)) <= FEW_RADII
-    most = FEW if few else int(FEW_SUMMANDS / count)
-    return most if plain else min(most, FEW // 4)
+
+def summed_exactly(radius: np.ndarray, count: int, tolerance: float, losses: Losses | None) -> bool:
+    """Return whether trunks (M,) are summed exactly: no other sum is as fine, or is sooner done."""
+    most = FEW if len(np.unique(radius)) <= FEW_RADII else int(FEW_SUMMANDS / count)
+    if losses is not None and not losses.passes:  # a gain of paths takes longer than the trunks do
+        most = min(most, FEW // 4)
+    return tolerance < FINEST or len(radius) <= most
 
 
 RANGE_DB = 75.0  # below the energy of all sound: what T60, read down to -65 dB, does not notice
