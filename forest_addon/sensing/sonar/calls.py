@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft
 
+from ...acoustics.spectrum import phasors
 from ...spec import Sonar
 
 SAMPLED = 17  # frequencies of a mean over the band
@@ -118,14 +119,10 @@ class Call:
         return len(self.samples) / self.sample_rate
 
     def spectrum(self, frequency: np.ndarray) -> np.ndarray:
-        """(K,) complex Σ x_n e^{-i2πfn/rate}, by the chirp z-transform on an even grid."""
-        if len(frequency) < 2:
-            steps = np.outer(frequency, np.arange(len(self.samples)) / self.sample_rate)
-            return np.exp(-2j * math.pi * steps) @ self.samples
-        ends = float(frequency[0]), float(frequency[-1])
-        return _zoomed(
-            self.samples.astype(np.float64).tobytes(), self.sample_rate, ends, len(frequency)
-        )
+        """(K,) complex Σ x_n e^{-i2πfn/rate} at frequencies that are even steps apart."""
+        first, last = float(frequency[0]), float(frequency[-1])
+        grid = first, (last - first) / max(len(frequency) - 1, 1), len(frequency)
+        return _spectrum_on(self.samples.astype(np.float64).tobytes(), self.sample_rate, *grid)
 
     def spectra_on(
         self, start: float, spacing: float, count: int, factors: np.ndarray, lead: float = 0.0
@@ -138,25 +135,21 @@ class Call:
         length = fft.next_fast_len(count + len(place) - 1)
         # With n·k = (n² + k² - (n - k)²)/2 the sum is a convolution.
         other = np.arange(1 - len(place), count) + lead * self.sample_rate  # k - n
-        sent = self.samples * _turned(first * place + step * place**2 / 2)
-        chirp = fft.fft(_turned(-step * other**2 / 2), length)
+        sent = self.samples * phasors(first * place + step * place**2 / 2)
+        chirp = fft.fft(phasors(-step * other**2 / 2), length)
         summed = fft.ifft(fft.fft(sent, length) * chirp)
         spectra: np.ndarray = summed[:, len(place) - 1 : len(place) - 1 + count]
-        spectra *= _turned(step * bins**2 / 2) / factors[:, None]
+        spectra *= phasors(step * bins**2 / 2) / factors[:, None]
         return spectra
 
 
 @lru_cache(maxsize=16)
-def _zoomed(samples: bytes, rate: float, ends: tuple[float, float], count: int) -> np.ndarray:
+def _spectrum_on(
+    samples: bytes, rate: float, start: float, spacing: float, count: int
+) -> np.ndarray:
     """(K,) spectrum of samples (N,) float64; kept, since a call is the same from ping to ping."""
-    from scipy.signal import zoom_fft
-
-    return zoom_fft(np.frombuffer(samples), ends, m=count, fs=rate, endpoint=True)
-
-
-def _turned(turns: np.ndarray) -> np.ndarray:
-    """e^{-i2π·turns}."""
-    return np.asarray(np.exp(-2j * math.pi * np.remainder(turns, 1.0)))
+    call = Call(np.frombuffer(samples), rate)
+    return np.asarray(call.spectra_on(start, spacing, count, np.ones(1))[0])
 
 
 def synthesise(sonar: Sonar) -> Call:
