@@ -75,6 +75,7 @@ class LayerSum:
     def __init__(self, layer: ExpansionLayer, air: AirFilter | None) -> None:
         self.layer, self.air = layer, air
         self.step, self.rate, self.speed = layer.step, layer.rate, layer.speed
+        self.highest = layer.highest  # Hz, above which it has nothing
         self.dtype = np.float32 if layer.tolerance >= SINGLE and layer.lowest > 0 else np.float64
         self.complex = np.result_type(self.dtype, np.complex64)
         self.kernel = kernel(width_for(0.3 * layer.tolerance))
@@ -82,11 +83,6 @@ class LayerSum:
         self._late: dict[int, tuple[np.ndarray, np.ndarray, int]] = {}
         self._spectra: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
         self._bytes = 0
-
-    @property
-    def highest(self) -> float:
-        """Return the frequency in Hz above which the layer has nothing."""
-        return self.layer.highest
 
     def sum(
         self, paths: TrunkPaths, cosine: np.ndarray, count: int, gain: PathGain | None = None
