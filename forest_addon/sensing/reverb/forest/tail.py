@@ -200,7 +200,8 @@ class Tail:
         """(B, X) a metre that branches or leaves turned; beyond the last bin as it fell."""
         turned = np.zeros((len(self.band), len(length)))
         middle, first = self.energy[0].middle, self.energy[0].edges[0]
-        for row, energy in enumerate(() if self.diffuse is None else self.diffuse):
+        diffuse = np.zeros((0, 0)) if self.diffuse is None else self.diffuse
+        for row, energy in enumerate(diffuse):
             heard = np.flatnonzero(energy > 0)
             if len(heard) < 2:
                 continue

@@ -90,7 +90,8 @@ class PathGain:
         number = _number(length)
         for n in np.unique(number).tolist():
             rows = np.flatnonzero(number == n)
-            for rise in self.losses.rises if 2.0**n < self.near else (None,):
+            ways: tuple[float | None, ...] = self.losses.rises if 2.0**n < self.near else (None,)
+            for rise in ways:
                 yield self._zone(2.0**n, rise), rows
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
