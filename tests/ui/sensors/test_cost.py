@@ -241,36 +241,43 @@ def test_an_object_is_seen_until_it_is_not_to_be(wall):
     assert "forest_ignored" not in wall
 
 
-def test_an_object_has_a_reflectance_of_its_own(wall):
-    assert not wall.forest_reflects
-    assert np.isnan(found().reflectance).all()
-    wall.forest_reflects = True
-    assert wall["forest_reflectance"] == spec.Surfaces().other
-    wall.forest_reflected = 0.25
-    assert found().reflectance.tolist() == [0.25]
-    wall.forest_reflected = 3.0  # a share
-    assert wall["forest_reflectance"] == 1.0
-    wall.forest_reflects = False
-    assert np.isnan(found().reflectance).all()
+WATER, MIRROR, RETRO = ({"forest_polish": kind} for kind in ("WATER", "MIRROR", "RETRO"))
 
 
-def test_an_object_is_a_mirror_glass_or_water(wall):
-    assert wall.forest_polish == "NONE"
+@pytest.mark.parametrize(
+    ("settings", "reflects", "optics"),
+    [
+        ({"forest_reflects": True}, spec.Surfaces().other, {}),
+        ({"forest_reflects": True, "forest_reflected": 0.25}, 0.25, {}),
+        ({"forest_reflects": True, "forest_reflected": 3.0}, 1.0, {}),  # a share
+        (WATER, np.nan, {0: 2}),
+        (WATER | {"forest_refraction": 1.4}, np.nan, {0: 2, 1: 1.4}),
+        (MIRROR | {"forest_mirrored": 0.75}, np.nan, {0: 0, 2: 0.75}),
+        (RETRO | {"forest_gained": 300.0}, np.nan, {0: 3, 3: 300}),
+    ],
+)
+def test_an_object_has_a_reflectance_of_its_own_is_a_mirror_or_water(
+    wall, settings, reflects, optics
+):
+    for key, value in settings.items():
+        setattr(wall, key, value)
+    scene = found()
+    assert scene.reflectance.tolist() == pytest.approx([reflects], nan_ok=True)
+    assert (scene.optics is None) == (not optics)
+    for column, value in optics.items():
+        assert scene.optics[0, column] == pytest.approx(value)
+    wall.forest_reflects, wall.forest_polish = False, "NONE"
+    assert np.isnan(found().reflectance).all()
     assert found().optics is None
+
+
+def test_optics_have_usual_values_and_what_is_misspelt_is_refused(wall):
+    assert (wall.forest_reflects, wall.forest_polish) == (False, "NONE")
     wall.forest_polish = "WATER"
     assert wall["forest_optics"] == "water"
     assert wall.forest_refraction == pytest.approx(1.33)
-    wall.forest_refraction = 1.4
-    assert found().optics[0, :2] == pytest.approx([2, 1.4])
-    wall.forest_polish = "MIRROR"
-    wall.forest_mirrored = 0.75
-    assert found().optics[0, [0, 2]].tolist() == [0, 0.75]
     wall.forest_polish = "RETRO"
     assert wall.forest_gained == 785.0
-    wall.forest_gained = 300.0
-    assert found().optics[0, [0, 3]].tolist() == [3, 300]
-    wall.forest_polish = "NONE"
-    assert found().optics is None
     wall["forest_optics"] = "mirorr"
     wall.update_tag()  # a scanner that follows bounces refuses it
     assert found().optics[0, 0] == -1
