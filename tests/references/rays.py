@@ -8,6 +8,7 @@ included). Each instance is met from its own origin, so that an offset of 1e6 m 
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -65,19 +66,9 @@ class BruteCaster(RayCaster):
                 hits.put(rows[closer], found)
         return replace(hits, normal=hit_normals(self.scene, replace(hits, normal=None)))
 
-    def occluded(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> np.ndarray:
+    def occluded(self, *rays: Any, **limits: Any) -> np.ndarray:
         """(R,) bool: whether ``cast`` finds anything."""
-        return self.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
-        ).found
+        return self.cast(*rays, **limits).found
 
     def _corners(self, index: int) -> np.ndarray:
         """(T, 3, 3) corners of one instance's triangles, turned as the world, from its origin."""

@@ -14,7 +14,7 @@ from forest_addon.blender.rays.casters import make_caster
 from forest_addon.sensing.rays.exact import Referee
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, arrivals_of, judged
-from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
+from forest_addon.sensing.reverb.sums.scattering import direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.sensing.sonar.beam import BeamPattern, MeasuredBeam, MeasuredSphere
 from forest_addon.sensing.sonar.calls import synthesise
@@ -157,27 +157,11 @@ def _post(rng: np.random.Generator) -> TriMesh:
     return TriMesh.of_part(rings, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]), WOOD)
 
 
-@dataclass(frozen=True)
-class Stand:
-    """A stand's trunks, both ends (2, 3), rate in Hz, and what sound loses; whether the source has moved."""
+def reverb_case(number: int) -> Case:
+    """The sum over trunks of one radius, a few or many, thin ones too, in any air, with any losses.
 
-    trunks: Trunks
-    ends: np.ndarray
-    rate: float
-    tolerance: float
-    air: Air
-    losses: Losses | None
-    moves: bool
-
-    def paths(self, step: int = 0) -> TrunkPaths:
-        """Paths from the source, moved by so many steps."""
-        source = self.ends[0, :2] + step * np.array([0.37, 0.21])
-        upright = self.losses is not None
-        return trunk_paths(self.trunks, source, self.ends[1, :2], 2.0, 0.7, None, upright)
-
-
-def stand_of(number: int) -> Stand:
-    """Trunks of one radius, a few or many, thin ones too, in any air, with any losses; some sources move."""
+    Where the source moves, a second one with what the first set up.
+    """
     rng = np.random.default_rng((49, number))
     count = int(_log(rng, 6, 50))
     spread = str(rng.choice(["one", "few", "many"]))
@@ -219,16 +203,11 @@ def stand_of(number: int) -> Stand:
         losses = Losses.of(reverb, air, stand, *ends)
     moves = bool(rng.random() < 0.3)
     trunks = Trunks(place, radius, np.arange(count))
-    return Stand(trunks, ends, rate, tolerance, air, losses, moves)
-
-
-def reverb_case(number: int) -> Case:
-    """The sum over a stand's trunks; where the source moves, a second one with what the first set up."""
-    stand, prepared = stand_of(number), Expansions()
-    rate, air, tolerance, losses = stand.rate, stand.air, stand.tolerance, stand.losses
+    prepared = Expansions()
     worst = told_of = told = 0.0
-    for step in range(1 + stand.moves):
-        paths = stand.paths(step)
+    for step in range(1 + moves):
+        source = ends[0, :2] + step * np.array([0.37, 0.21])
+        paths = trunk_paths(trunks, source, ends[1, :2], 2.0, 0.7, None, losses is not None)
         count = int(rate * (min(float(paths.length.max()) / air.speed(), 0.3) + 0.05))
         exact = direct_sum(paths, rate, count, air, None, losses, max(0.03 * tolerance, 1e-7))
         found, estimated = prepared.sum(paths, rate, count, air, tolerance, losses)
