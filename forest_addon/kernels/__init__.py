@@ -56,6 +56,7 @@ class CastScene(ctypes.Structure):
     _fields_ = (
         ("tree", ctypes.c_void_p),
         ("intersect", ctypes.c_void_p),
+        ("intersect8", ctypes.c_void_p),
         ("low", _point),
         ("high", _point),
         ("centre", _point),

@@ -1,7 +1,9 @@
-/* Rays at a scene: into its box, one by one through Embree, and in float64 at what each met.
+/* Rays at a scene: into its box, through Embree, and in float64 at what each met.
  *
- * A hit is a function of its ray and its time alone. Embree's packets are not: beside other rays a ray that meets an edge
- * finds another face, and its coherent packets lose hits on flat boxes close before them.
+ * A hit is a function of its ray and its time alone. Embree's coherent packets are twice as fast, but of two triangles
+ * at one distance they find another one beside other rays: a ray with more than one within the band goes again, alone.
+ * They also round the planes of the pyramid about them past each other at boxes of no thickness, for which all boxes
+ * of instances are thicker than float32 is wrong (embree.py).
  */
 #include <math.h>
 #include <string.h>
@@ -15,6 +17,12 @@
 #define LONG 1e200
 #define MARGIN 1e-3  /* metres before the limit where a search begins */
 #define STEP 1e-6    /* metres: the first step behind what does not count; each is twice the one before */
+#define LANES 8
+#define FIELDS 21     /* of four bytes in a ray_hit, without room */
+#define NARROW 0.1f   /* between the ways of a packet, along each axis */
+#define CLOSE 1.0f    /* metres between their origins */
+#define COHERENT (1 << 16 | 1 << 1) /* RTCRayQueryFlags, and that the filter is asked */
+#define BAND 8.0f     /* slacks behind a hit, within which another one makes it doubtful */
 
 struct ray_hit { /* RTCRayHit of embree4/rtcore_ray.h, which begins at multiples of 16 bytes */
     float origin[3], near, way[3], time, far;
@@ -22,6 +30,28 @@ struct ray_hit { /* RTCRayHit of embree4/rtcore_ray.h, which begins at multiples
     float normal[3], u, v;
     uint32_t triangle, geometry, instance, of_array;
     uint32_t room[3];
+};
+
+struct context { /* RTCRayQueryContext, and what we keep of a packet */
+    uint32_t instance, of_array;
+    float band, best[LANES];
+    int doubtful[LANES];
+};
+
+struct candidates { /* RTCFilterFunctionNArguments: some of the lanes of a packet, each at a triangle */
+    int *valid;
+    void *user;
+    struct context *context;
+    float *ray;
+    void *hit;
+    unsigned int count;
+};
+
+struct arguments { /* RTCIntersectArguments */
+    int flags, features;
+    struct context *context;
+    void (*filter)(const struct candidates *);
+    void *intersect;
 };
 
 struct ray { /* on its way */
@@ -110,8 +140,8 @@ static void find(const struct cast_scene *scene, struct ray *ray, const struct r
     ray->place = ray->there;
 }
 
-/* Sends a ray into the scene from a distance on; 0 where it meets nothing. */
-static int trace(const struct cast_scene *scene, struct ray *ray, double begin, struct ray_hit *sent)
+/* Readies a ray to be sent into the scene from a distance on; 0 where it passes by all. */
+static int aim(const struct cast_scene *scene, const struct ray *ray, double begin, struct ray_hit *sent)
 {
     double end = ray->far, reach;
     for (int a = 0; a < 3; a++) {
@@ -132,11 +162,69 @@ static int trace(const struct cast_scene *scene, struct ray *ray, double begin, 
     sent->time = scene->steps ? (float)(ray->knot / (double)(scene->steps - 1)) : 0.0f;
     sent->far = (float)smaller(reach, FAR);
     sent->mask = sent->geometry = sent->instance = NONE;
-    scene->intersect(scene->tree, sent, NULL);
-    if (sent->geometry == NONE)
-        return 0;
-    find(scene, ray, sent);
     return 1;
+}
+
+/* Keeps the first triangle of each lane, and lets Embree search a band behind it for one as near. */
+static void keep(const struct candidates *met)
+{
+    struct context *context = met->context;
+    unsigned int count = met->count;
+    for (unsigned int i = 0; i < count; i++) {
+        float *far = met->ray + 8 * count + i;
+        uint32_t lane;
+        if (!met->valid[i])
+            continue;
+        memcpy(&lane, met->ray + 10 * count + i, sizeof lane);
+        if (*far < context->best[lane]) {
+            context->doubtful[lane] = context->best[lane] <= *far + context->band;
+            context->best[lane] = *far;
+            *far += context->band;
+        } else {
+            context->doubtful[lane] = 1;
+            met->valid[i] = 0;
+        }
+    }
+}
+
+/* Sends up to eight rays that are ready: together where they go side by side, else each alone. */
+static void send(const struct cast_scene *scene, struct ray_hit *sent, const int *ready)
+{
+    char room[sizeof(float) * FIELDS * LANES + 32];
+    float *packet = (float *)(room + (32 - (uintptr_t)room % 32) % 32);
+    char valid_room[sizeof(int) * LANES + 32];
+    int *valid = (int *)(valid_room + (32 - (uintptr_t)valid_room % 32) % 32);
+    struct context context = {NONE, NONE, 0.0f, {0.0f}, {0}};
+    struct arguments arguments = {COHERENT, -1, &context, keep, NULL};
+    int first = 0, many = 0;
+    while (first < LANES - 1 && !ready[first])
+        first++;
+    for (int k = 0; k < LANES; k++) {
+        int beside = ready[k] && scene->steps == 0;
+        for (int a = 0; a < 3 && beside; a++)
+            beside = fabsf(sent[k].way[a] - sent[first].way[a]) < NARROW &&
+                     fabsf(sent[k].origin[a] - sent[first].origin[a]) < CLOSE;
+        valid[k] = -beside;
+        many += beside;
+        context.best[k] = INFINITY;
+        context.doubtful[k] = ready[k] && !beside;
+    }
+    context.band = BAND * (float)scene->slack;
+    if (many > 1) {
+        for (int k = 0; k < LANES; k++) {
+            sent[k].id = (uint32_t)k;
+            for (int n = 0; n < FIELDS; n++)
+                memcpy(packet + LANES * n + k, (float *)&sent[k] + n, sizeof *packet);
+        }
+        scene->intersect8(valid, scene->tree, packet, &arguments);
+    }
+    for (int k = 0; k < LANES; k++) {
+        if (many > 1 && valid[k] && !context.doubtful[k])
+            for (int n = 17; n < FIELDS; n++)
+                memcpy((float *)&sent[k] + n, packet + LANES * n + k, sizeof *packet);
+        else if (ready[k])
+            scene->intersect(scene->tree, sent + k, NULL);
+    }
 }
 
 static int counts(const struct ray *ray, double distance)
@@ -151,35 +239,53 @@ void cast_rays(const struct cast_scene *scene, int64_t count, const double *orig
                const int64_t *left_instance, const int64_t *left_triangle, double *distance,
                int64_t *instance, int64_t *triangle, double *normal)
 {
-    char room[sizeof(struct ray_hit) + 16];
+    char room[sizeof(struct ray_hit) * LANES + 16];
     struct ray_hit *sent = (struct ray_hit *)(room + (16 - (uintptr_t)room % 16) % 16);
-    memset(sent, 0, sizeof *sent);
-    for (int64_t i = 0; i < count; i++) {
-        struct ray ray;
-        double start, step = STEP, met = INFINITY, own[3];
-        int found;
-        ray.origin = origin + 3 * i;
-        ray.near = near[i];
-        ray.far = far[i];
-        ray.knot = knot[i];
-        ray.left_instance = left_instance[i];
-        ray.left_triangle = left_triangle[i];
-        start = ray.left_instance < 0 ? ray.near - MARGIN : ray.near;
-        found = ray.near <= ray.far && isfinite(ray.origin[0] + ray.origin[1] + ray.origin[2]) &&
-                normalise(direction + 3 * i, ray.way);
-        while (found && (found = trace(scene, &ray, start, sent)) != 0) {
-            met = meet(scene, &ray, own);
-            if (counts(&ray, met))
-                break;
-            start = larger(met, start) + step;
-            step *= 2.0;
+    memset(sent, 0, sizeof *sent * LANES);
+    for (int64_t from = 0; from < count; from += LANES) {
+        struct ray rays[LANES];
+        int ready[LANES];
+        for (int k = 0; k < LANES; k++) {
+            struct ray *ray = rays + k;
+            int64_t i = from + k;
+            ready[k] = i < count;
+            if (!ready[k])
+                continue;
+            ray->origin = origin + 3 * i;
+            ray->near = near[i];
+            ray->far = far[i];
+            ray->knot = knot[i];
+            ray->left_instance = left_instance[i];
+            ray->left_triangle = left_triangle[i];
+            ready[k] = ray->near <= ray->far && isfinite(ray->origin[0] + ray->origin[1] + ray->origin[2]) &&
+                       normalise(direction + 3 * i, ray->way) &&
+                       aim(scene, ray, ray->left_instance < 0 ? ray->near - MARGIN : ray->near, sent + k);
         }
-        found = found && met <= ray.far;
-        distance[i] = found ? met : INFINITY;
-        instance[i] = found ? ray.instance : -1;
-        triangle[i] = found ? ray.triangle : -1;
-        for (int a = 0; a < 3; a++)
-            normal[3 * i + a] = found ? own[a] : NAN;
+        send(scene, sent, ready);
+        for (int64_t i = from; i < count && i < from + LANES; i++) {
+            struct ray *ray = rays + (i - from);
+            struct ray_hit *hit = sent + (i - from);
+            double start = ray->left_instance < 0 ? ray->near - MARGIN : ray->near;
+            double step = STEP, met = INFINITY, own[3];
+            int found = ready[i - from];
+            while (found && (found = hit->geometry != NONE) != 0) {
+                find(scene, ray, hit);
+                met = meet(scene, ray, own);
+                if (counts(ray, met))
+                    break;
+                start = larger(met, start) + step;
+                step *= 2.0;
+                found = aim(scene, ray, start, hit);
+                if (found)
+                    scene->intersect(scene->tree, hit, NULL);
+            }
+            found = found && met <= ray->far;
+            distance[i] = found ? met : INFINITY;
+            instance[i] = found ? ray->instance : -1;
+            triangle[i] = found ? ray->triangle : -1;
+            for (int a = 0; a < 3; a++)
+                normal[3 * i + a] = found ? own[a] : NAN;
+        }
     }
 }
 

@@ -47,10 +47,14 @@ KERNEL const char *kernels_sources(void);
 /* Embree's rtcIntersect1. */
 typedef void (*intersect1)(void *tree, void *ray, void *arguments);
 
+/* Embree's rtcIntersect8. */
+typedef void (*intersect8)(const int *valid, void *tree, void *rays, void *arguments);
+
 /* A scene of I instances of meshes. */
 struct cast_scene {
     void *tree;               /* Embree's scene of the instances, by number, about the centre */
-    intersect1 intersect;     /* of the library that made it */
+    intersect1 intersect;     /* of the library that made it, */
+    intersect8 intersect8;    /* and this */
     double low[3], high[3];   /* a box around all, larger by slack */
     double centre[3];
     double slack;             /* metres by which float32 may be wrong */

@@ -35,7 +35,7 @@ SYSTEM = {"win32": ("embree4.dll",), "darwin": ("libembree4.dylib", "libembree4.
 TRIANGLE, INSTANCE, INSTANCES = 0, 121, 122  # RTCGeometryType
 INDEX_BUFFER, VERTEX_BUFFER, TRANSFORM_BUFFER = 0, 1, 23  # RTCBufferType
 UINT, UINT3, FLOAT3, FLOAT3X4_ROWS = 0x5001, 0x5003, 0x9003, 0x9134  # RTCFormat
-ROBUST = 1 << 2  # RTCSceneFlags: no ray slips through an edge
+ROBUST, FILTERED = 1 << 2, 1 << 3  # RTCSceneFlags: no ray slips through an edge; packets have a filter
 VERSION_PROPERTY = 0  # RTCDeviceProperty
 
 _P, _U, _I, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_size_t
@@ -58,6 +58,7 @@ SIGNATURES = {
     "rtcSetGeometryTransformQuaternion": (None, [_P, _U, _P]),
     "rtcSetGeometryTimeStepCount": (None, [_P, _U]),
     "rtcIntersect1": (None, [_P, _P, _P]),
+    "rtcIntersect8": (None, [_P, _P, _P, _P]),
     "rtcSetGeometryInstancedScenes": (None, [_P, _P, _Z]),
 }
 
@@ -150,6 +151,7 @@ class EmbreeSearch(Search):
         self._described = CastScene(
             tree=self._top,
             intersect=ctypes.cast(self._library.rtcIntersect1, ctypes.c_void_p),
+            intersect8=ctypes.cast(self._library.rtcIntersect8, ctypes.c_void_p),
             low=point(*self._low),
             high=point(*self._high),
             centre=point(*self._centre),
@@ -406,7 +408,7 @@ class EmbreeBuild:
     def _scene(self) -> int:
         scene: int = self._library.rtcNewScene(self._device)
         self._scenes.append(scene)
-        self._library.rtcSetSceneFlags(scene, ROBUST)
+        self._library.rtcSetSceneFlags(scene, ROBUST | FILTERED)
         return scene
 
     def _attach(self, scene: int, geometry: int, number: int) -> None:
