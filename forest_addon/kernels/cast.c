@@ -1,9 +1,10 @@
 /* Rays at a scene: into its box, through Embree, and in float64 at what each met.
  *
- * A hit is a function of its ray and its time alone. Embree's coherent packets are twice as fast, but of two triangles
- * at one distance they find another one beside other rays: a ray with more than one within the band goes again, alone.
- * They also round the planes of the pyramid about them past each other at boxes of no thickness, for which all boxes
- * of instances are thicker than float32 is wrong (embree.py).
+ * A hit is a function of its ray and its time alone. Embree's coherent packets of eight are twice as fast, but
+ * - they round the planes of the pyramid about them past each other at boxes of instances that have no thickness:
+ *   embree.py makes all of them thicker than that rounding;
+ * - of triangles at one distance, at an edge or edge-on they may name another one than a ray alone does. Such a ray goes
+ *   again, alone; a filter sees them, for which Embree searches a band behind what was met.
  */
 #include <math.h>
 #include <string.h>
@@ -11,18 +12,23 @@
 #include "kernels.h"
 
 #define NONE 0xFFFFFFFFu
-#define FAR 3e38     /* the longest way that float32 holds */
-#define TINY 1e-30   /* stands for a direction's zero, so that there is no 0/0 */
-#define SHORT 1e-200 /* squared lengths that can be taken as they are */
+#define FAR 3e38      /* the longest way that float32 holds */
+#define TINY 1e-30    /* stands for a direction's zero, so that there is no 0/0 */
+#define SHORT 1e-200  /* squared lengths that can be taken as they are */
 #define LONG 1e200
-#define MARGIN 1e-3  /* metres before the limit where a search begins */
-#define STEP 1e-6    /* metres: the first step behind what does not count; each is twice the one before */
-#define LANES 8
-#define FIELDS 21     /* of four bytes in a ray_hit, without room */
-#define NARROW 0.1f   /* between the ways of a packet, along each axis */
-#define CLOSE 1.0f    /* metres between their origins */
+#define MARGIN 1e-3   /* metres before the limit where a search begins */
+#define STEP 1e-6     /* metres: the first step behind what does not count; each is twice the one before */
+#define LANES 8       /* of a packet */
+#define FIELDS 21     /* of four bytes in a ray_hit, without room; */
+#define MET 17        /* from this on they say what was met */
+#define FEW 3         /* rays, fewer of which are no faster together */
+#define NARROW 1e-6   /* between the ways of a packet, along an axis, so that rounding does not close the pyramid */
+#define WIDEST 0.1    /* the same */
+#define CLOSE 1.0     /* metres between their origins */
 #define COHERENT (1 << 16 | 1 << 1) /* RTCRayQueryFlags, and that the filter is asked */
 #define BAND 8.0f     /* slacks behind a hit, within which another one makes it doubtful */
+#define FLAT 1e-6     /* square of a cosine: nearer to its plane a ray's hit is doubtful */
+#define EDGE 1e-3     /* of a triangle's height, within which of an edge a hit is doubtful */
 
 struct ray_hit { /* RTCRayHit of embree4/rtcore_ray.h, which begins at multiples of 16 bytes */
     float origin[3], near, way[3], time, far;
@@ -42,8 +48,7 @@ struct candidates { /* RTCFilterFunctionNArguments: some of the lanes of a packe
     int *valid;
     void *user;
     struct context *context;
-    float *ray;
-    void *hit;
+    float *ray, *hit;
     unsigned int count;
 };
 
@@ -171,13 +176,21 @@ static void keep(const struct candidates *met)
     struct context *context = met->context;
     unsigned int count = met->count;
     for (unsigned int i = 0; i < count; i++) {
+        const float *way = met->ray + 4 * count + i, *hit = met->hit + i;
         float *far = met->ray + 8 * count + i;
+        double along = 0.0, n = 0.0, w = 0.0, u = hit[3 * count], v = hit[4 * count];
         uint32_t lane;
         if (!met->valid[i])
             continue;
         memcpy(&lane, met->ray + 10 * count + i, sizeof lane);
+        for (unsigned int a = 0; a < 3 * count; a += count) {
+            along += (double)way[a] * hit[a];
+            n += (double)hit[a] * hit[a];
+            w += (double)way[a] * way[a];
+        }
         if (*far < context->best[lane]) {
-            context->doubtful[lane] = context->best[lane] <= *far + context->band;
+            context->doubtful[lane] = context->best[lane] <= *far + context->band ||
+                                      !(smaller(smaller(u, v), 1.0 - u - v) > EDGE) || !(along * along > FLAT * n * w);
             context->best[lane] = *far;
             *far += context->band;
         } else {
@@ -187,44 +200,43 @@ static void keep(const struct candidates *met)
     }
 }
 
-/* Sends up to eight rays that are ready: together where they go side by side, else each alone. */
+/* Sends up to eight rays that are ready: those beside the first as a packet, and alone the others and the doubtful. */
 static void send(const struct cast_scene *scene, struct ray_hit *sent, const int *ready)
 {
-    char room[sizeof(float) * FIELDS * LANES + 32];
+    char room[4 * LANES * (FIELDS + 1) + 32];
     float *packet = (float *)(room + (32 - (uintptr_t)room % 32) % 32);
-    char valid_room[sizeof(int) * LANES + 32];
-    int *valid = (int *)(valid_room + (32 - (uintptr_t)valid_room % 32) % 32);
-    struct context context = {NONE, NONE, 0.0f, {0.0f}, {0}};
+    int *valid = (int *)(packet + LANES * FIELDS);
+    struct context context = {NONE, NONE, BAND * (float)scene->slack, {0.0f}, {0}};
     struct arguments arguments = {COHERENT, -1, &context, keep, NULL};
-    int first = 0, many = 0;
+    double widest = 0.0;
+    int first = 0, many = 0, together;
     while (first < LANES - 1 && !ready[first])
         first++;
     for (int k = 0; k < LANES; k++) {
-        int beside = ready[k] && scene->steps == 0;
-        for (int a = 0; a < 3 && beside; a++)
-            beside = fabsf(sent[k].way[a] - sent[first].way[a]) < NARROW &&
-                     fabsf(sent[k].origin[a] - sent[first].origin[a]) < CLOSE;
-        valid[k] = -beside;
-        many += beside;
-        context.best[k] = INFINITY;
-        context.doubtful[k] = ready[k] && !beside;
-    }
-    context.band = BAND * (float)scene->slack;
-    if (many > 1) {
-        for (int k = 0; k < LANES; k++) {
-            sent[k].id = (uint32_t)k;
-            for (int n = 0; n < FIELDS; n++)
-                memcpy(packet + LANES * n + k, (float *)&sent[k] + n, sizeof *packet);
+        double angle = 0.0, step = 0.0;
+        int beside;
+        for (int a = 0; a < 3; a++) {
+            angle = larger(angle, fabsf(sent[k].way[a] - sent[first].way[a]));
+            step = larger(step, fabsf(sent[k].origin[a] - sent[first].origin[a]));
         }
-        scene->intersect8(valid, scene->tree, packet, &arguments);
+        beside = ready[k] && scene->steps == 0 && angle < WIDEST && step < CLOSE;
+        many += beside;
+        widest = beside ? larger(widest, angle) : widest;
+        valid[k] = -beside;
+        context.best[k] = INFINITY;
+        sent[k].id = (uint32_t)k;
+        for (int n = 0; n < FIELDS; n++)
+            memcpy(packet + LANES * n + k, (float *)&sent[k] + n, sizeof *packet);
     }
-    for (int k = 0; k < LANES; k++) {
-        if (many > 1 && valid[k] && !context.doubtful[k])
-            for (int n = 17; n < FIELDS; n++)
+    together = many >= FEW && widest > NARROW;
+    if (together)
+        scene->intersect8(valid, scene->tree, packet, &arguments);
+    for (int k = 0; k < LANES; k++)
+        if (together && valid[k] && !context.doubtful[k])
+            for (int n = MET; n < FIELDS; n++)
                 memcpy((float *)&sent[k] + n, packet + LANES * n + k, sizeof *packet);
         else if (ready[k])
             scene->intersect(scene->tree, sent + k, NULL);
-    }
 }
 
 static int counts(const struct ray *ray, double distance)

@@ -35,7 +35,10 @@ SYSTEM = {"win32": ("embree4.dll",), "darwin": ("libembree4.dylib", "libembree4.
 TRIANGLE, INSTANCE, INSTANCES = 0, 121, 122  # RTCGeometryType
 INDEX_BUFFER, VERTEX_BUFFER, TRANSFORM_BUFFER = 0, 1, 23  # RTCBufferType
 UINT, UINT3, FLOAT3, FLOAT3X4_ROWS = 0x5001, 0x5003, 0x9003, 0x9134  # RTCFormat
-ROBUST, FILTERED = 1 << 2, 1 << 3  # RTCSceneFlags: no ray slips through an edge; packets have a filter
+ROBUST, FILTERED = (
+    1 << 2,
+    1 << 3,
+)  # RTCSceneFlags: no ray slips through an edge; packets have a filter
 VERSION_PROPERTY = 0  # RTCDeviceProperty
 
 _P, _U, _I, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_size_t
@@ -119,6 +122,7 @@ TIME, TFAR, MASK, HIT_PRIMITIVE, HIT_GEOMETRY, HIT_INSTANCE, HIT_OF_ARRAY, SIZE 
 )
 NONE = 0xFFFFFFFF
 FAR = 3e38  # the longest way that float32 holds
+SPARE, ROUNDING = 4.0, 1e-6  # slacks and share of a coordinate by which packets need larger boxes
 
 
 # The fast engine: Blender's own Embree, instanced, on all cores.
@@ -189,8 +193,14 @@ class EmbreeSearch(Search):
         """The closest hit of each ray; see ``RayCaster``."""
         library, count = kernels.library(), len(origins)
         if library is None or self._described is None:
-            limits = {"min_distance": min_distance, "leaving": leaving, "time": time}
-            return super().cast(origins, directions, max_distance, **limits)
+            return super().cast(
+                origins,
+                directions,
+                max_distance,
+                min_distance=min_distance,
+                leaving=leaving,
+                time=time,
+            )
         rays = [
             np.ascontiguousarray(given, np.float64).reshape(count, 3)
             for given in (origins, directions)
@@ -221,20 +231,25 @@ class EmbreeSearch(Search):
         rays = (begin <= leaves).nonzero()[0]
         origins, directions, begin = origins[:, rays], directions[:, rays], begin[rays]
         reach = (limit[rays] - begin) * (1 + 1e-6) + self._slack
-        moved = begin * directions + origins - self._centre[:, None]
-        sent = rays_of(moved, directions, reach)
+        sent = np.zeros((len(reach), SIZE), np.float32)  # at 16 bytes, as Embree asks of one ray
+        sent[:, :3] = (begin * directions + origins - self._centre[:, None]).T
+        sent[:, 4:7], sent[:, TFAR] = directions.T, np.minimum(reach, FAR)
         sent[:, TIME] = self._knot(time[rays]) / self._last
-        send(self._library, self._top, sent)
-        whole = sent.view(np.uint32)
+        whole, kernel = sent.view(np.uint32), kernels.library()
+        whole[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE]] = NONE
+        if kernel is None:
+            places = range(sent.ctypes.data, sent.ctypes.data + sent.nbytes, 4 * SIZE)
+            deque(map(self._library.rtcIntersect1, repeat(self._top), places, repeat(None)), 0)
+        else:
+            kernel.send_rays(self._library.rtcIntersect1, self._top, len(sent), sent, SIZE)
         met = np.flatnonzero(whole[:, HIT_GEOMETRY] != NONE)
         named = whole[met][:, [HIT_INSTANCE, HIT_OF_ARRAY, HIT_PRIMITIVE]].astype(np.int64)
-        triangle = named[:, 2]
         instance, place, corners = self._found(*named.T, time[rays[met]])
         distance, normal = meet_planes(
-            self.scene, origins[:, met], directions[:, met], instance, triangle, place, corners
+            self.scene, origins[:, met], directions[:, met], instance, named[:, 2], place, corners
         )
         hits = Hits.misses(len(start))
-        hits.put(rays[met], Hits(distance, instance, triangle, normal.T))
+        hits.put(rays[met], Hits(distance, instance, named[:, 2], normal.T))
         return hits
 
 
@@ -265,42 +280,30 @@ class EmbreeCaster(EmbreeSearch):
             low, high = np.minimum(low, scene.extent[0]), np.maximum(high, scene.extent[1])
         self._bound(low, high)
         self._library = load()
-        new = self._library.rtcNewDevice
-        self._device = like._device if like else new(f"threads={threads}".encode())
+        threaded = f"threads={threads}".encode()
+        self._device = like._device if like else self._library.rtcNewDevice(threaded)
         self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
+        # Metres of a mesh that are the slack in the world, where an instance of it is smallest.
+        need = np.zeros(len(scene.meshes))
+        size = np.abs(scene.transform[known, :, :3]).sum(axis=2).min(axis=1)
+        np.maximum.at(need, scene.mesh_index[known], self._slack / size)
         there = like._of_mesh if like else {}
-        trees = {m: there[k] for m, k in self._same.items() if k in there}
-        self._of_mesh = of_mesh = {
-            m: trees[m] if m in trees else build.mesh(scene.meshes[m])
-            for m in distinct(scene.mesh_index[known]).tolist()
-        }
+        # Trees, and by how much their boxes are larger.
+        self._of_mesh: dict[int, tuple[int, float]] = {}
+        for m in distinct(scene.mesh_index[known]).tolist():
+            tree, margin = there.get(self._same.get(m, -1), (0, 0.0))
+            if margin < need[m]:
+                margin = float(SPARE * need[m])
+                tree = build.mesh(scene.meshes[m], margin)
+            self._of_mesh[m] = tree, margin
         place = scene.transform.copy()
         place[:, :, 3] -= self._centre
         self._top = build.instances(
             known.tolist(),
-            [of_mesh[m] for m in scene.mesh_index[known]],
+            [self._of_mesh[m][0] for m in scene.mesh_index[known]],
             place[known, None].astype(np.float32),
         )
         self._describe(scene.transform)
-
-
-def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """(R, SIZE) float32, rays (3, R), (3, R), (R,) as Embree wants them."""
-    rays = np.zeros((len(reach), SIZE), np.float32)  # at 16 bytes, as Embree asks of one ray
-    rays[:, :3], rays[:, 4:7], rays[:, TFAR] = origins.T, directions.T, np.minimum(reach, FAR)
-    rays.view(np.uint32)[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE]] = NONE
-    return rays
-
-
-def send(library: ctypes.CDLL, top: int, rays: np.ndarray) -> None:
-    """Send rays into a scene, one by one: packets would find other faces at edges."""
-    kernel = kernels.library()
-    if kernel is not None:
-        intersect = ctypes.cast(library.rtcIntersect1, ctypes.c_void_p)
-        kernel.send_rays(intersect, top, len(rays), rays, rays.shape[1])
-        return
-    places = rays.ctypes.data + rays.strides[0] * np.arange(len(rays))
-    deque(map(library.rtcIntersect1, repeat(top), places.tolist(), repeat(None)), maxlen=0)
 
 
 class EmbreeBuild:
@@ -319,40 +322,48 @@ class EmbreeBuild:
         # The parent is held by what releases this, so that it goes after it, also in a collected circle.
         weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
-    def mesh(self, mesh: TriMesh) -> int:
-        """A scene of a mesh's triangles, in its local space."""
+    def mesh(self, mesh: TriMesh, margin: float = 0.0) -> int:
+        """A scene of a mesh's triangles, in its local space; its box is larger by a margin, m."""
         triangles = collapsed(mesh.triangles, whole_triangles(mesh))
         if mesh.points.dtype != np.float32 or not np.isfinite(mesh.points.sum()):
-            return self.shape(mesh.vertices[None], triangles)
-        return self._of_triangles(mesh.points, 1, triangles)
+            return self.shape(mesh.vertices[None], triangles, margin)
+        return self._of_triangles(mesh.points, 1, triangles, margin)
 
-    def shape(self, vertices: np.ndarray, triangles: np.ndarray) -> int:
+    def shape(self, vertices: np.ndarray, triangles: np.ndarray, margin: float = 0.0) -> int:
         """A scene of triangles (T, 3) in their local space.
 
         vertices : (S, V, 3) at even steps of a ray's time from 0 to 1, between which they go straight.
         """
         kept = np.zeros((vertices.shape[0] * vertices.shape[1] + 1, 3), dtype=np.float32)
         kept[:-1] = np.nan_to_num(vertices.reshape(-1, 3), nan=0.0, posinf=0.0, neginf=0.0)
-        return self._of_triangles(kept[:-1], len(vertices), triangles)
+        return self._of_triangles(kept[:-1], len(vertices), triangles, margin)
 
-    def _of_triangles(self, kept: np.ndarray, steps: int, triangles: np.ndarray) -> int:
+    def _of_triangles(
+        self, kept: np.ndarray, steps: int, triangles: np.ndarray, margin: float
+    ) -> int:
         """A scene of triangles, whose arrays Embree reads where they are: vertices 16 bytes at a time."""
+        scene = self._scene()
+        self._add(scene, 0, kept, steps, triangles)
+        if margin and len(kept):  # by two triangles that are points, which no ray meets
+            margin += ROUNDING * float(np.abs(kept).max())
+            corners = np.stack([kept.min(axis=0) - margin, kept.max(axis=0) + margin, kept[0]])
+            self._add(scene, 1, corners[:2], 1, np.arange(2)[:, None].repeat(3, axis=1))
+        return self._commit(scene)
+
+    def _add(
+        self, scene: int, number: int, kept: np.ndarray, steps: int, triangles: np.ndarray
+    ) -> None:
         count = len(kept) // steps
         triangles = np.ascontiguousarray(triangles, dtype=np.int32).view(np.uint32)
         self._arrays += [kept, triangles]
         geometry = self._library.rtcNewGeometry(self._device, TRIANGLE)
-        if steps > 1:
-            self._library.rtcSetGeometryTimeStepCount(geometry, steps)
+        self._library.rtcSetGeometryTimeStepCount(geometry, steps)
         given = self._library.rtcSetSharedGeometryBuffer
         first, size = kept.ctypes.data, kept.strides[0] * count
         for step in range(steps):
-            place = first + step * size
-            given(geometry, VERTEX_BUFFER, step, FLOAT3, place, 0, 12, count)
-        place = triangles.ctypes.data
-        given(geometry, INDEX_BUFFER, 0, UINT3, place, 0, 12, len(triangles))
-        scene = self._scene()
-        self._attach(scene, geometry, 0)
-        return self._commit(scene)
+            given(geometry, VERTEX_BUFFER, step, FLOAT3, first + step * size, 0, 12, count)
+        given(geometry, INDEX_BUFFER, 0, UINT3, triangles.ctypes.data, 0, 12, len(triangles))
+        self._attach(scene, geometry, number)
 
     def instances(
         self,
@@ -371,8 +382,7 @@ class EmbreeBuild:
         for number, scene, place in zip(numbers, scenes, places, strict=True):
             geometry = library.rtcNewGeometry(self._device, INSTANCE)
             library.rtcSetGeometryInstancedScene(geometry, scene)
-            if len(place) > 1:
-                library.rtcSetGeometryTimeStepCount(geometry, len(place))
+            library.rtcSetGeometryTimeStepCount(geometry, len(place))
             first, size = place.ctypes.data, place.strides[0]
             for step in range(len(place)):
                 row = first + step * size

@@ -206,7 +206,7 @@ class EmbreeMotion(MovingCaster):
         """Embree's scene of the mesh of a part that keeps its shape."""
         index = int(self.moving.scene.mesh_index[number])
         if index in self.still._of_mesh:
-            return self.still._of_mesh[index]
+            return self.still._of_mesh[index][0]
         if index not in self._trees:
             self._trees[index] = self._holder.mesh(self._mesh(number))
         return self._trees[index]
