@@ -225,12 +225,14 @@ static void send(const struct cast_scene *scene, struct ray_hit *sent, const int
         valid[k] = -beside;
         context.best[k] = INFINITY;
         sent[k].id = (uint32_t)k;
-        for (int n = 0; n < FIELDS; n++)
-            memcpy(packet + LANES * n + k, (float *)&sent[k] + n, sizeof *packet);
     }
     together = many >= FEW && widest > NARROW;
-    if (together)
+    if (together) {
+        for (int k = 0; k < LANES; k++)
+            for (int n = 0; n < FIELDS; n++)
+                memcpy(packet + LANES * n + k, (float *)&sent[k] + n, sizeof *packet);
         scene->intersect8(valid, scene->tree, packet, &arguments);
+    }
     for (int k = 0; k < LANES; k++)
         if (together && valid[k] && !context.doubtful[k])
             for (int n = MET; n < FIELDS; n++)

@@ -280,8 +280,9 @@ class EmbreeCaster(EmbreeSearch):
             low, high = np.minimum(low, scene.extent[0]), np.maximum(high, scene.extent[1])
         self._bound(low, high)
         self._library = load()
-        threaded = f"threads={threads}".encode()
-        self._device = like._device if like else self._library.rtcNewDevice(threaded)
+        self._device = (
+            like._device if like else self._library.rtcNewDevice(f"threads={threads}".encode())
+        )
         self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
         # Metres of a mesh that are the slack in the world, where an instance of it is smallest.
         need = np.zeros(len(scene.meshes))
