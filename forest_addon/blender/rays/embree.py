@@ -35,10 +35,8 @@ SYSTEM = {"win32": ("embree4.dll",), "darwin": ("libembree4.dylib", "libembree4.
 TRIANGLE, INSTANCE, INSTANCES = 0, 121, 122  # RTCGeometryType
 INDEX_BUFFER, VERTEX_BUFFER, TRANSFORM_BUFFER = 0, 1, 23  # RTCBufferType
 UINT, UINT3, FLOAT3, FLOAT3X4_ROWS = 0x5001, 0x5003, 0x9003, 0x9134  # RTCFormat
-ROBUST, FILTERED = (
-    1 << 2,
-    1 << 3,
-)  # RTCSceneFlags: no ray slips through an edge; packets have a filter
+# RTCSceneFlags: no ray slips through an edge; packets have a filter
+ROBUST, FILTERED = 1 << 2, 1 << 3
 VERSION_PROPERTY = 0  # RTCDeviceProperty
 
 _P, _U, _I, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_size_t
@@ -120,8 +118,7 @@ def _places() -> Iterator[str]:
 TIME, TFAR, MASK, HIT_PRIMITIVE, HIT_GEOMETRY, HIT_INSTANCE, HIT_OF_ARRAY, SIZE = (
     *(7, 8, 9, 17, 18, 19, 20, 24),
 )
-NONE = 0xFFFFFFFF
-FAR = 3e38  # the longest way that float32 holds
+NONE, FAR = 0xFFFFFFFF, 3e38  # the longest way that float32 holds
 SPARE, ROUNDING = 4.0, 1e-6  # slacks and share of a coordinate by which packets need larger boxes
 
 
@@ -207,10 +204,8 @@ class EmbreeSearch(Search):
         ]
         knot = self._knot(np.full(count, time, np.float64))
         rays += [np.full(count, limit, np.float64) for limit in (min_distance, max_distance)]
-        nothing = np.full(count, -1)
-        left = [nothing] * 2 if leaving is None else [leaving.instance, leaving.triangle]
-        hits = Hits.misses(count)
-        rays += [knot, *left, *vars(hits).values()]
+        hits, left = Hits.misses(count), Hits.misses(count) if leaving is None else leaving
+        rays += [knot, left.instance, left.triangle, *vars(hits).values()]
 
         def task(part: slice) -> None:
             columns = [column[part] for column in rays]
@@ -231,17 +226,11 @@ class EmbreeSearch(Search):
         rays = (begin <= leaves).nonzero()[0]
         origins, directions, begin = origins[:, rays], directions[:, rays], begin[rays]
         reach = (limit[rays] - begin) * (1 + 1e-6) + self._slack
-        sent = np.zeros((len(reach), SIZE), np.float32)  # at 16 bytes, as Embree asks of one ray
-        sent[:, :3] = (begin * directions + origins - self._centre[:, None]).T
-        sent[:, 4:7], sent[:, TFAR] = directions.T, np.minimum(reach, FAR)
+        moved = begin * directions + origins - self._centre[:, None]
+        sent = rays_of(moved, directions, reach)
         sent[:, TIME] = self._knot(time[rays]) / self._last
-        whole, kernel = sent.view(np.uint32), kernels.library()
-        whole[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE]] = NONE
-        if kernel is None:
-            places = range(sent.ctypes.data, sent.ctypes.data + sent.nbytes, 4 * SIZE)
-            deque(map(self._library.rtcIntersect1, repeat(self._top), places, repeat(None)), 0)
-        else:
-            kernel.send_rays(self._library.rtcIntersect1, self._top, len(sent), sent, SIZE)
+        send(self._library, self._top, sent)
+        whole = sent.view(np.uint32)
         met = np.flatnonzero(whole[:, HIT_GEOMETRY] != NONE)
         named = whole[met][:, [HIT_INSTANCE, HIT_OF_ARRAY, HIT_PRIMITIVE]].astype(np.int64)
         instance, place, corners = self._found(*named.T, time[rays[met]])
@@ -284,18 +273,16 @@ class EmbreeCaster(EmbreeSearch):
             like._device if like else self._library.rtcNewDevice(f"threads={threads}".encode())
         )
         self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
-        # Metres of a mesh that are the slack in the world, where an instance of it is smallest.
-        need = np.zeros(len(scene.meshes))
-        size = np.abs(scene.transform[known, :, :3]).sum(axis=2).min(axis=1)
-        np.maximum.at(need, scene.mesh_index[known], self._slack / size)
+        # Metres of a mesh that are some slacks in the world, where an instance of it is smallest.
+        need, sides = np.zeros(len(scene.meshes)), np.abs(scene.transform[known, :, :3]).sum(axis=2)
+        np.maximum.at(need, scene.mesh_index[known], SPARE * self._slack / sides.min(axis=1))
         there = like._of_mesh if like else {}
         # Trees, and by how much their boxes are larger.
         self._of_mesh: dict[int, tuple[int, float]] = {}
         for m in distinct(scene.mesh_index[known]).tolist():
             tree, margin = there.get(self._same.get(m, -1), (0, 0.0))
-            if margin < need[m]:
-                margin = float(SPARE * need[m])
-                tree = build.mesh(scene.meshes[m], margin)
+            if SPARE * margin < need[m]:
+                tree, margin = build.mesh(scene.meshes[m], need[m]), need[m]
             self._of_mesh[m] = tree, margin
         place = scene.transform.copy()
         place[:, :, 3] -= self._centre
@@ -305,6 +292,24 @@ class EmbreeCaster(EmbreeSearch):
             place[known, None].astype(np.float32),
         )
         self._describe(scene.transform)
+
+
+def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(R, SIZE) float32, rays (3, R), (3, R), (R,) as Embree wants them."""
+    rays = np.zeros((len(reach), SIZE), np.float32)  # at 16 bytes, as Embree asks of one ray
+    rays[:, :3], rays[:, 4:7], rays[:, TFAR] = origins.T, directions.T, np.minimum(reach, FAR)
+    rays.view(np.uint32)[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE]] = NONE
+    return rays
+
+
+def send(library: ctypes.CDLL, top: int, rays: np.ndarray) -> None:
+    """Send rays into a scene, one by one: packets would find other faces at edges."""
+    kernel = kernels.library()
+    if kernel is None:
+        places = range(rays.ctypes.data, rays.ctypes.data + rays.nbytes, 4 * SIZE)
+        deque(map(library.rtcIntersect1, repeat(top), places, repeat(None)), maxlen=0)
+    else:
+        kernel.send_rays(library.rtcIntersect1, top, len(rays), rays, SIZE)
 
 
 class EmbreeBuild:
@@ -348,18 +353,19 @@ class EmbreeBuild:
         if margin and len(kept):  # by two triangles that are points, which no ray meets
             margin += ROUNDING * float(np.abs(kept).max())
             corners = np.stack([kept.min(axis=0) - margin, kept.max(axis=0) + margin, kept[0]])
-            self._add(scene, 1, corners[:2], 1, np.arange(2)[:, None].repeat(3, axis=1))
+            self._add(
+                scene, 1, corners.astype(np.float32)[:2], 1, np.arange(2)[:, None].repeat(3, 1)
+            )
         return self._commit(scene)
 
     def _add(
         self, scene: int, number: int, kept: np.ndarray, steps: int, triangles: np.ndarray
     ) -> None:
-        count = len(kept) // steps
+        count, given = len(kept) // steps, self._library.rtcSetSharedGeometryBuffer
         triangles = np.ascontiguousarray(triangles, dtype=np.int32).view(np.uint32)
         self._arrays += [kept, triangles]
         geometry = self._library.rtcNewGeometry(self._device, TRIANGLE)
         self._library.rtcSetGeometryTimeStepCount(geometry, steps)
-        given = self._library.rtcSetSharedGeometryBuffer
         first, size = kept.ctypes.data, kept.strides[0] * count
         for step in range(steps):
             given(geometry, VERTEX_BUFFER, step, FLOAT3, first + step * size, 0, 12, count)
