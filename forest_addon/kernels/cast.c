@@ -22,7 +22,7 @@
 #define FIELDS 21     /* of four bytes in a ray_hit, without room; */
 #define MET 17        /* from this on they say what was met */
 #define FEW 3         /* rays, fewer of which are no faster together */
-#define NARROW 1e-6   /* between the ways of a packet, along an axis, so that rounding does not close the pyramid */
+#define NARROW 1e-5   /* between the ways of a packet, along an axis, so that rounding does not close the pyramid */
 #define WIDEST 0.1    /* the same */
 #define CLOSE 1.0     /* metres between their origins */
 #define COHERENT (1 << 16 | 1 << 1) /* RTCRayQueryFlags, and that the filter is asked */
