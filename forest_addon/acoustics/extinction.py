@@ -1,9 +1,9 @@
 """Extinction of sound by trunks: cross-sections of scattering and absorption per metre of trunk.
 
 Sizes ka go in, widths over the radius come out, from the partial waves w_n = sinγ_n·e^{iγ_n} of
-``cylinder``: extinction by the optical theorem, scattering by Parseval, transport weighted by 1 - cos φ,
+``cylinder``: extinction by the optical theorem, scattering by Parseval,
 
-    σ_ext = 4/k·Σ ε_n·Im w_n,   σ_sca = 4/k·Σ ε_n·|w_n|²,   σ_tr = σ_sca - 8/k·Re Σ w_n·w*_{n+1}
+    σ_ext = 4/k·Σ ε_n·Im w_n,   σ_sca = 4/k·Σ ε_n·|w_n|²
 
 (Bohren & Huffman 1983, ch. 8, for sound). Large trunks take out twice their width: half of that is the
 shadow, which goes straight on. As far as energy is concerned it has not met the trunk: σ_energy is
@@ -23,11 +23,10 @@ EDGE = 6.0  # (σ_ext^-EDGE + (2a)^-EDGE)^(-1/EDGE)
 
 @dataclass(frozen=True)
 class CrossSections:
-    """(K,) each, over the radius: what is taken out, scattered, and scattered away from straight on."""
+    """(K,) each, over the radius: what is taken out, and what is scattered."""
 
     extinction: np.ndarray
     scattering: np.ndarray
-    transport: np.ndarray
 
     @property
     def absorption(self) -> np.ndarray:
@@ -44,7 +43,7 @@ class CrossSections:
 def cross_sections(ka: np.ndarray, bark: float = 0.0) -> CrossSections:
     """Cross-sections of trunks of sizes ka (K,), above 0. bark : share that it absorbs of a wave head on."""
     order = np.argsort(ka, kind="stable")
-    sections = np.empty((3, len(ka)))
+    sections = np.empty((2, len(ka)))
     for rows in np.array_split(order, max(1, len(ka) // 64)):
         if len(rows) == 0:
             continue
@@ -54,6 +53,4 @@ def cross_sections(ka: np.ndarray, bark: float = 0.0) -> CrossSections:
         weight[0] = 1.0
         sections[0, rows] = 4.0 / size * (weight * waves.imag).sum(axis=0)
         sections[1, rows] = 4.0 / size * (weight * np.abs(waves) ** 2).sum(axis=0)
-        forward = 8.0 / size * (waves[:-1] * waves[1:].conj()).real.sum(axis=0)
-        sections[2, rows] = sections[1, rows] - forward
     return CrossSections(*sections)

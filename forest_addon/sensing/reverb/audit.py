@@ -31,7 +31,7 @@ from .model_error import model_error
 from .pair import Gain, Pair, filtered, trees_of
 from .sums.bands import OctaveBand, bands_of
 from .sums.fast_scattering import Expansions, arrivals_of, judged
-from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
+from .sums.scattering import direct_sum, scattered_spectrum
 from .sums.tree_response import NEAREST, left_out_db, part_until, summed_exactly
 
 WORK = 2e6, 5e6  # trunks by frequencies that are summed again, of a pair at least and at most
@@ -116,15 +116,6 @@ class Channel:
         """Number and bound of the trunks that are left out as too weak."""
         return self.pair.loud[1].told(self.found.samples, self.rate)
 
-    @cached_property
-    def paths(self) -> TrunkPaths:
-        """Paths by way of all trunks, also those that are left out."""
-        reverb, ends = self.pair.reverb, (self.pair.source[:2], self.pair.receiver[:2])
-        upright = self.pair.losses is not None
-        return trunk_paths(
-            self.pair.forest, *ends, reverb.strength, reverb.spreading, None, upright
-        )
-
     @property
     def last(self) -> float:
         """Metres of path after which all is noise."""
@@ -148,7 +139,7 @@ class Channel:
         """(count,) samples of some trunks by the direct sum, of all bands or of some."""
         total = np.zeros(count)
         for term, gain in self.pair.terms(self.pair.forest.select(rows)):
-            some = self.paths.select(rows)
+            some = self.pair.paths.select(rows)
             some = replace(some, weight=some.weight * gain)
             given = self.pair.air, None, self.pair.losses, 0.1 * self.allowed, bands
             samples = direct_sum(some, self.rate, count + SPREAD, *given)
@@ -159,7 +150,7 @@ class Channel:
         """Figures of the response besides its sums, computed again."""
         pair, result = self.pair, self.found
         forest, weak = pair.loud
-        paths = self.paths.select(~weak.rows)
+        paths = pair.paths.select(~weak.rows)
         reverb, rate, count = pair.reverb, self.rate, len(result.trees)
         heard = paths.earliest <= (count + SPREAD) / rate * self.speed
         straight = max(math.dist(pair.source, pair.receiver), NEAREST)
@@ -219,7 +210,7 @@ def _arrival(channel: Channel, path: float, gain: Gain, count: int) -> np.ndarra
 def _trunks(channel: Channel, share: float) -> list[AuditPart]:
     """The first part of the trunks' sound by the direct sum; where that is not all, its low octaves and later
     pieces; and that only noise is left where a tail says so."""
-    paths, rate, trees = channel.paths, channel.rate, channel.trees
+    paths, rate, trees = channel.pair.paths, channel.rate, channel.trees
     step, count, silent = channel.speed / rate, len(trees), channel.kept == 0
     loudest = float(np.abs(channel.found.trees).max(initial=0.0)) or 1.0
     noise = np.abs(trees[silent]) / loudest
@@ -311,7 +302,7 @@ def _of_piece(channel: Channel, start: int, margin: int, size: int) -> float:
 
 def _piece(channel: Channel, start: int, margin: int, length: int) -> tuple[np.ndarray, int]:
     """(length,) samples from ``start`` on of the trunks that arrive then or a little before, and how many."""
-    pair, paths, rate = channel.pair, channel.paths, channel.rate
+    pair, paths, rate = channel.pair, channel.pair.paths, channel.rate
     step = channel.speed / rate
     rows = np.flatnonzero(
         (paths.length > (start - margin) * step)

@@ -34,7 +34,8 @@ from .forest.tail import FADE, Tail, tail_of
 from .forest.transport import Sent
 from .model_error import model_error
 from .sums.fast_scattering import Expansions
-from .sums.tree_response import NEAREST, TreeResponse, Weak, tree_response, weak_between
+from .sums.scattering import TrunkPaths, trunk_paths
+from .sums.tree_response import NEAREST, TreeResponse, Weak, tree_response, weak_trunks
 from .trunks import Trunks
 
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
@@ -131,9 +132,18 @@ class Pair:
         forest = self.forest
         if self.all_trunks:
             return forest, Weak(np.zeros(len(forest), bool), np.zeros(0))
-        given = self.reverb, self.air, self.losses, self.directivity, self.clear[0]
-        weak = weak_between(forest, self.source, self.receiver, *given)
+        direct = (max(math.dist(self.source, self.receiver), NEAREST),) if self.clear[0] else ()
+        loudest = float(np.abs(self.directivity.gain).max())
+        given = self.paths, direct, self.reverb.sample_rate, self.air, self.losses
+        weak = weak_trunks(*given, loudest)
         return forest.select(~weak.rows), weak
+
+    @cached_property
+    def paths(self) -> TrunkPaths:
+        """Paths by way of all trunks, also those that are left out, of a source that sends alike."""
+        reverb, upright = self.reverb, self.losses is not None
+        ends = self.source[:2], self.receiver[:2]
+        return trunk_paths(self.forest, *ends, reverb.strength, reverb.spreading, None, upright)
 
     @property
     def forest(self) -> Trunks:

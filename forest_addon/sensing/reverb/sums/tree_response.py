@@ -41,7 +41,6 @@ from ....acoustics.cylinder import order_count, partial_waves
 from ....base.progress import Progress
 from ....spec import Air, Reverb
 from ..band import SPREAD
-from ..directivity import Directivity
 from ..forest.losses import Losses, loss_per_metre
 from ..metrics import octave_bands
 from ..trunks import Trunks
@@ -303,24 +302,6 @@ class Weak:
             "weak": int(self.rows.sum()),
             "weak_bound": self.bound(samples, sample_rate),
         }
-
-
-def weak_between(
-    trunks: Trunks,
-    source: np.ndarray,
-    receiver: np.ndarray,
-    reverb: Reverb,
-    air: Air,
-    losses: Losses | None,
-    directivity: Directivity,
-    clear: bool,
-) -> Weak:
-    """Trunks that together add next to nothing between two ends (3,); clear : the direct sound passes."""
-    ends, upright = (source[:2], receiver[:2]), losses is not None
-    paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, None, upright)
-    direct = (max(math.dist(source, receiver), NEAREST),) if clear else ()
-    loudest = float(np.abs(directivity.gain).max())
-    return weak_trunks(paths, direct, reverb.sample_rate, air, losses, loudest)
 
 
 def weak_trunks(
