@@ -196,7 +196,7 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
             "(norway-spruce, scots-pine, silver-fir) are heard needle by needle.",
         ),
         (
-            response.at == response.at,
+            response.moves,
             "Source or receiver move: each moment has channels of its own; a dry sound is heard through all "
             "of them, its direct sound and the ground's with their Doppler shift at every sample, what "
             "trunks scatter faded from moment to moment.",
@@ -259,7 +259,7 @@ def _save_sofa(path: Path, reverb: Reverb, response: ImpulseResponse, *_: object
     """Write measurements source by source and moment by moment, by receivers."""
     rows: dict[tuple, list[ImpulseResponse]] = {}
     for one in response.channels:
-        rows.setdefault((one.at if one.at == one.at else None, one.source), []).append(one)
+        rows.setdefault((one.at if one.moves else None, one.source), []).append(one)
     table = list(rows.values())
     write_responses(
         path,
@@ -290,7 +290,7 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
     measures = [
         room_metrics(channel.samples, found.sample_rate, channel.left_db) for channel in channels
     ]
-    moving = {"moment": np.array([one.at for one in channels])} if found.at == found.at else {}
+    moving = {"moment": np.array([one.at for one in channels])} if found.moves else {}
     drawn = [channel.tail_error for channel in channels if channel.tail_error is not None]
     tails = {"tail_error": np.array(drawn)} if len(drawn) == len(channels) else {}
     times, densities = zip(
@@ -347,12 +347,12 @@ def wet_sound_of(
     Where source or receiver move, C are the channels of one moment, and the sound begins when the path does.
     """
     from ..sensing.reverb.auralise import auralise, background, resample
-    from ..sensing.reverb.moving import heard_moving, moves
+    from ..sensing.reverb.moving import heard_moving
 
     rate = response.sample_rate
     mono = np.asarray(dry, np.float64)
     mono = resample(mono.mean(axis=1) if mono.ndim == 2 else mono, dry_rate, rate)
-    if moves(response):
+    if response.moves:
         speed = float(np.linalg.norm(np.subtract(response.source, response.receiver)))
         heard = heard_moving(response, mono, speed / max(response.direct_delay, 1e-9))
     else:

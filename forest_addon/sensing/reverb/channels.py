@@ -73,6 +73,11 @@ class ImpulseResponse:
     stands: int = -1
 
     @property
+    def moves(self) -> bool:
+        """Return whether it is of a moment of a path."""
+        return not math.isnan(self.at)
+
+    @property
     def channels(self) -> tuple[ImpulseResponse, ...]:
         """All channels: this response and the further ones."""
         return (self, *self.further)

@@ -28,11 +28,6 @@ AFTER = 1024  # samples of a direct sound's filter after its arrival
 ROUNDS = 12  # of the equation for t'; each gains a factor of the Mach number
 
 
-def moves(found: ImpulseResponse) -> bool:
-    """Return whether it has moments of a path."""
-    return not math.isnan(found.at)
-
-
 def heard_moving(found: ImpulseResponse, dry: np.ndarray, sound_speed: float) -> np.ndarray:
     """(N + M, C) wet samples of dry ones (N,) at the responses' rate, which begin when the path does.
 
