@@ -19,7 +19,7 @@ import numpy as np
 
 from ....base.vectors import azimuth_of
 from .clutter import ANGLES, LAYER, Scatter
-from .transport import SHARES, PhaseFunction, Sent
+from .transport import SHARES, PhaseFunction, Sent, Turns
 
 SMEAR = 0.12  # radians
 NEAREST = (
@@ -58,9 +58,12 @@ class _Tables:
     """Tables that packets look up, (B, ...) each."""
 
     def __init__(self, layer: Layer) -> None:
-        self.width = np.array([phase.width for phase in layer.phases]) * layer.trunks
-        self.kept = np.array([phase.kept for phase in layer.phases])
-        self.towards = np.array([phase.density for phase in layer.phases])
+        trunks = Turns(layer.phases)
+        self.width, self.kept, self.towards = (
+            trunks.width * layer.trunks,
+            trunks.kept,
+            trunks.towards,
+        )
         cells = max((len(s.scattered) for s in layer.scatters), default=1) or 1
         bands = len(layer.scatters)
         self.scattered, self.taken = np.zeros((bands, cells)), np.zeros((bands, cells))
@@ -73,7 +76,7 @@ class _Tables:
         self.density = np.array([scatter.density for scatter in layer.scatters])
         solid = -2.0 * math.pi * np.diff(np.cos(np.linspace(0.0, math.pi, ANGLES + 1)))
         self.turns = _by_share(self.density * solid, 513)
-        self.around = _by_share(self.towards, 1025)
+        self.around = _by_share(trunks.density, 1025)
         self.most = self.width + self.taken.max(axis=1)
 
     def through(self, band: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -272,9 +275,7 @@ def _of_trunks(band: np.ndarray, way: np.ndarray, away: np.ndarray, tables: _Tab
     """(N,) per steradian from one way to another by a trunk, over slopes that are alike."""
     turned = azimuth_of(away) - azimuth_of(way)
     turned = np.abs((turned + math.pi) % (2.0 * math.pi) - math.pi)
-    count = tables.towards.shape[1]
-    cell = np.minimum((turned * (count / math.pi)).astype(np.int64), count - 1)
-    around = tables.towards[band, cell] / np.maximum(tables.kept[band], 1e-9)
+    around = tables.towards(band, turned) / np.maximum(tables.kept[band], 1e-9)
     rise = np.arcsin(np.clip(away[:, 2], -1, 1)) - np.arcsin(np.clip(way[:, 2], -1, 1))
     slope = np.exp(-0.5 * (rise / SMEAR) ** 2) / (SMEAR * math.sqrt(2.0 * math.pi))
     level = np.sqrt(np.maximum(1.0 - away[:, 2] ** 2, 1e-4))

@@ -152,11 +152,6 @@ class PhaseFunction:
         step = math.pi / ANGLES
         return cls(width, 2.0 * step * float(mean.sum()) / width, angle, mean / width)
 
-    def towards(self, turned: np.ndarray) -> np.ndarray:
-        """(N,) share per radian that is turned by angles in 0 to π."""
-        row = np.minimum((turned * (ANGLES / math.pi)).astype(np.int64), ANGLES - 1)
-        return self.density[row]
-
 
 def without_shadow(scattered: np.ndarray, shadow: float) -> np.ndarray:
     """|H|² by angle, less a lobe around straight on that holds an energy, metres."""
