@@ -23,7 +23,7 @@ from ..base.progress import Progress
 from ..base.rng import stream
 from ..formats.toml_file import idle_in_sensor
 from ..results.coordinates import Offset
-from ..sensing.kinds import KINDS, choose, left_out
+from ..sensing.kinds import KINDS, choose, kind_of
 from ..spec import (
     Airborne,
     Mobile,
@@ -215,7 +215,7 @@ class World:
             raise SpecError(sensor.name, str(problem)) from None
         offset = Offset.of(self.scene)
         ours = [one for one in self.chosen if one.sensor == sensor.name]
-        chosen = (*chosen, *left_out(sensor, result), *ours)
+        chosen = (*chosen, *kind_of(sensor).left_out(result), *ours)
         return result_of(sensor, result, seconds, audit, offset, chosen, warnings, way)
 
     @property
@@ -229,7 +229,7 @@ class World:
         if self._taken is not None:
             return self._taken
         bpy = import_blender()
-        from ..blender.scene.forest import stands
+        from ..blender.scene.forest import standing_forest
         from ..blender.sensors.moving import seconds_of
         from ..blender.sensors.observe import Observer
 
@@ -240,7 +240,7 @@ class World:
             raise SpecError("world", closed) from None
         if bpy.context.scene != self._place:
             raise SpecError("world", f'Blender shows another scene; go back to "{name}"')
-        if self.forest is not None and not stands(self._place, self.forest):
+        if self.forest is not None and standing_forest(self._place) is not self.forest:
             other = "another forest was built in its place; build this one again to look at it"
             raise SpecError("world", other)
         observer = Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)

@@ -41,8 +41,8 @@ from .senses import (
     sonar_of,
 )
 from .simulation import SENSORS, Flyers
-from .stems import StemForests, StemWorld, poisson_forests
-from .woods import FlightSurroundings, Stock
+from .stems import StemForests, poisson_forests
+from .woods import Stock
 
 FORESTS = ("new", "fixed")
 SCENE = "flight-poisson"  # of assets/scenes, where none is given
@@ -114,14 +114,14 @@ class _Flights:
         self.enter(seeds[0], chosen)
         self.flyers.start(range(self.flyers.count), seeds, **where)
         self.trails = [[place.copy()] for place in self.flyers.state.position]
-        if self.view is not None and self.view.world is not self.surroundings:
+        if self.view is not None and self.view.world is not self.flyers.world:
             self.view = None
         return self.sense()
 
     def pictures(self) -> tuple[np.ndarray, ...]:
         """Pictures from above, one a flyer."""
         if self.view is None:
-            self.view = top_view.TopView(self.surroundings)
+            self.view = top_view.TopView(self.flyers.world)
         ways = zip(self.trails, self.flyers.goal, self.flyers.state.heading.tolist(), strict=True)
         return tuple(self.view.draw(np.array(trail), *way) for trail, *way in ways)
 
@@ -142,11 +142,6 @@ class _Flights:
             name: values.astype(self.dtype, copy=False)
             for name, values in self.flyers.sense().items()
         }
-
-    @property
-    def surroundings(self) -> FlightSurroundings | StemWorld:
-        """Places of the flyers."""
-        return self.flyers.world
 
 
 def _started(options: dict[str, Any] | None) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -288,7 +283,7 @@ class FlightEnv(gymnasium.Env):
 
     def world(self) -> World:
         """The forest of this episode, built in Blender; see ``FlightSurroundings.world``."""
-        return self.flights.surroundings.world()
+        return self.flights.flyers.world.world()
 
     def _info(self) -> dict[str, Any]:
         flyers = self.flights.flyers

@@ -131,7 +131,9 @@ class Flyers:
         told = {}
         state = self.state
         if self.lidar:
-            told["lidar"] = self.lidar.look(self.world, state, self._seeds(), self.time)
+            chance = not self.lidar.exact  # of what the scanners of this step do
+            seeds = [rng.integers(2**31) if chance else 0 for rng in self._rngs]
+            told["lidar"] = self.lidar.look(self.world, state, np.array(seeds), self.time)
         if self.ears and self._heard is not None:
             due = self.steps % self.every == 0
             if rows is not None:
@@ -253,12 +255,6 @@ class Flyers:
                 np.linalg.norm(axis, axis=1), 1e-12
             )
         return lengths(off)
-
-    def _seeds(self) -> np.ndarray:
-        """(N,) seeds of what the scanners of this step do by chance; none are drawn where there is none."""
-        if self.lidar is None or self.lidar.exact:
-            return np.zeros(self.count, dtype=np.int64)
-        return np.array([rng.integers(2**31) for rng in self._rngs])
 
     def _free(self, rng: np.random.Generator) -> np.ndarray:
         """A free place in the box of starts."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.trimesh import OTHER
+from .lidar.cloud import ESCAPED, organs
 from .rays.caster import RayCaster
 
 REACH = np.deg2rad(75.0)
-SKY, OUTSIDE = -1, -2  # of a hemispherical picture: what is open, what is beyond its circle
+SKY, OUTSIDE = ESCAPED, -2  # of a hemispherical picture: what is open, what is beyond its circle
 FEWEST = 0.5  # of a ray: a ring without a gap has at most one in twice its rays
 
 
@@ -86,11 +86,6 @@ def hemisphere(caster: RayCaster, point: np.ndarray, pixels: int = 512) -> np.nd
         axis=-1,
     )[inside]
     hits = caster.cast(np.broadcast_to(np.asarray(point, dtype=float), way.shape), way)
-    seen = np.full(len(way), SKY, dtype=np.int8)
-    mesh_of = np.where(hits.found, np.append(caster.scene.mesh_index, -1)[hits.instance], -1)
-    for index, mesh in enumerate(caster.scene.meshes):
-        rows = np.flatnonzero(mesh_of == index)
-        seen[rows] = mesh.part[hits.triangle[rows]] if len(mesh.part) else OTHER
     image = np.full((pixels, pixels), OUTSIDE, dtype=np.int8)
-    image[inside] = seen
+    image[inside] = organs(caster.scene, hits)  # ``SKY`` where it is open
     return image

@@ -61,11 +61,6 @@ def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
     return sensor.changed(**{choice.key: choice.value for choice in made}), made
 
 
-def left_out(sensor: Sensor, found: Any) -> tuple[Choice, ...]:
-    """Sentence on what a finding left out as too weak, with its bound."""
-    return kind_of(sensor).left_out(found)
-
-
 def outline(sensor: Sensor) -> np.ndarray:
     """(N, 2, 3) m, ends of the lines that show where a sensor looks; nothing of the scene is needed."""
     return kind_of(sensor).outline(sensor)

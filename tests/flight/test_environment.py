@@ -195,12 +195,12 @@ def test_the_wind_of_a_scene_carries_flyers_and_a_seed_repeats_it():
     assert same(seen["still"], seen["calm"])
     assert not same(seen["still"], seen["windy"])
     assert same(fly(ways["windy"], 2, steps=5), seen["windy"])
-    gusts = ways["windy"].flights.surroundings.gusts
+    gusts = ways["windy"].flights.flyers.world.gusts
     made = FlightEnv(SCENE.changed(wind=forest.Wind(speed=9.0)))
     made.reset(seed=3)
-    assert not np.array_equal(made.flights.surroundings.gusts.phase, gusts.phase)
+    assert not np.array_equal(made.flights.flyers.world.gusts.phase, gusts.phase)
     state = ways["windy"].flights.flyers.state
-    ground = made.flights.surroundings.ground(state.position[:, :2])
+    ground = made.flights.flyers.world.ground(state.position[:, :2])
     above = state.position - [0.0, 0.0, ground[0]]
     assert 0 < gusts.mean(above[:, 2])[0] < 9.0 or above[0, 2] > gusts.height
 
@@ -427,7 +427,7 @@ def test_a_step_senses_what_the_sensors_find_there(request, flown):
 def test_the_first_touch_is_that_of_the_moment(swaying_env):
     """Against every triangle, put in its place one by one."""
     swaying_env.reset(seed=SEED)
-    world, time = swaying_env.flights.surroundings, 3.7
+    world, time = swaying_env.flights.flyers.world, 3.7
     sway, scene = world.sway, world.geometry
     number = sway.number
     rows = np.flatnonzero([int(tree) in number for tree in scene.tree])

@@ -217,32 +217,7 @@ class EmbreeMotion(MovingCaster):
             make = partial(KeyedParts, self, block, stretch)
             return self._windows.once((block, stretch), make)
 
-    def built(self, block: int, stretch: int, build: EmbreeBuild, centre: np.ndarray) -> int:
-        """Embree's scene, about a centre, of a ``_window``."""
-        start = self._first + block * self._span * self._step
-        breaks = np.concatenate([[-np.inf], self._breaks, [np.inf]])
-        since, until = breaks[stretch], breaks[stretch + 1]
-        numbers, scenes, places = [], [], []
-        motion = self.moving.motion
-        for row in self._rows:
-            number = int(motion.rows[row])
-            first, last = motion.span(number)
-            if first > since or last < until:
-                continue
-            path = motion.paths[number]
-            assert isinstance(path, RigidPath)
-            time = start + self._step * np.arange(0, self._span + 1, self._steps[row])
-            if len(path.time) == 1:
-                time = time[:1]
-            at = path.at(time, beyond=len(path.time) == self._count)
-            at[:, :, 3] -= centre
-            numbers.append(number)
-            places.append(quaternions(at))
-            bends = number in motion.shapes
-            scenes.append(self._bent(number, build, block) if bends else self.tree(number))
-        return build.instances(numbers, scenes, places, turn=True)
-
-    def _bent(self, number: int, build: EmbreeBuild, block: int) -> int:
+    def bent(self, number: int, build: EmbreeBuild, block: int) -> int:
         """Embree's scene of a part's triangles as they bend in a block of samples."""
         shape, steps = self.moving.motion.shapes[number], None
         if len(shape.time) == 1:
@@ -330,9 +305,30 @@ class KeyedParts(EmbreeSearch):
     def __init__(self, of: EmbreeMotion, block: int, stretch: int) -> None:
         super().__init__(of.moving.scene, of.still.threads)
         self._of, self._block, self._library = of, block, of.still._library
-        self._build = EmbreeBuild(self._library, of.still._device, of.still._build)
+        self._build = build = EmbreeBuild(self._library, of.still._device, of.still._build)
         self._bound(*of.swept)
-        self._top = of.built(block, stretch, self._build, self._centre)
+        start = of._first + block * of._span * of._step
+        breaks = np.concatenate([[-np.inf], of._breaks, [np.inf]])
+        since, until = breaks[stretch], breaks[stretch + 1]
+        numbers, scenes, places = [], [], []
+        motion = of.moving.motion
+        for row in of._rows:
+            number = int(motion.rows[row])
+            first, last = motion.span(number)
+            if first > since or last < until:
+                continue
+            path = motion.paths[number]
+            assert isinstance(path, RigidPath)
+            time = start + of._step * np.arange(0, of._span + 1, of._steps[row])
+            if len(path.time) == 1:
+                time = time[:1]
+            at = path.at(time, beyond=len(path.time) == of._count)
+            at[:, :, 3] -= self._centre
+            numbers.append(number)
+            places.append(quaternions(at))
+            bends = number in motion.shapes
+            scenes.append(of.bent(number, build, block) if bends else of.tree(number))
+        self._top = build.instances(numbers, scenes, places, turn=True)
 
     def _knot(self, time: np.ndarray) -> np.ndarray:
         return self._of.share(time, self._block)

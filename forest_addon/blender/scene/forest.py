@@ -212,11 +212,6 @@ def shapes_in(scene: bpy.types.Scene) -> set[str]:
     return {str(mesh.get(SHAPE_KEY, "")) for mesh in KeptStanding.of(scene).meshes.values()}
 
 
-def stands(scene: bpy.types.Scene, forest: GrownForest) -> bool:
-    """Return whether a forest is the one that was last built in a Blender scene."""
-    return standing_forest(scene) is forest
-
-
 def standing_forest(scene: bpy.types.Scene) -> GrownForest | None:
     """Return the forest that was last built in a Blender scene, if it is still in memory."""
     last = _stands.get(scene.session_uid)
@@ -232,7 +227,7 @@ def _coats(forest: GrownForest) -> list[tuple[Coat, Coat]]:
                 f"{label} bark",
                 partial(materials.bark, coat=kind.bark),
                 kind.look.bark,
-                materials.style_of(kind.bark),
+                repr(kind.bark),
             ),
             Coat(
                 f"{label} leaf",

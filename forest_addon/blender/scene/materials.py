@@ -247,7 +247,7 @@ def bark(
     graph.put(shader.inputs["Base Color"], covered(graph, coat, tones, surface))
     graph.put(shader.inputs["Normal"], graph.bump(surface.height, surface.metres, 0.85))
     _set_gloss(shader, 0.9, 0.2)
-    material[STYLE_KEY] = style_of(coat)
+    material[STYLE_KEY] = repr(coat)  # what tells barks apart, beside their colour
     _note(material, colour)
     return material
 
@@ -265,11 +265,6 @@ def veins_of(species: spec.Species) -> str:
     if species.needles is not None:
         return "none"
     return "palm" if species.leaf.shape == "palmate" else "feather"
-
-
-def style_of(coat: spec.Bark) -> str:
-    """Name what tells barks apart, beside their colour."""
-    return repr(coat)
 
 
 def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Material:

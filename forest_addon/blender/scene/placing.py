@@ -56,7 +56,7 @@ OF_SHAPE = {*MEASURES, TOLD_KEY}  # custom properties that another shape does no
 class Coat:
     """A material of ours: its name, what makes it, and of what colour if it can have another.
 
-    style : what it is made anew for when that changes (``materials.style_of``).
+    style : what it is made anew for when that changes (``materials.bark``).
     """
 
     name: str

@@ -32,8 +32,8 @@ DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110
 
 def new_sensor(scene: bpy.types.Scene, settings: Sensor) -> bpy.types.Object:
     """A new object for a sensor among the scene's sensors, placed where its settings say."""
-    home = part(scene, SENSORS)
-    if KINDS[settings.kind].body == "speaker":
+    home, kind = part(scene, SENSORS), KINDS[settings.kind]
+    if kind.body == "speaker":
         obj = _speaker(settings.name)
         receiver = _empty(f"{settings.name} receiver", "SPHERE")
         home.objects.link(receiver)
@@ -41,7 +41,10 @@ def new_sensor(scene: bpy.types.Scene, settings: Sensor) -> bpy.types.Object:
     else:
         obj = _empty(settings.name, "ARROWS")
     obj[KIND_KEY] = settings.kind
-    lock(obj)
+    # No moves by hand that would have no effect.
+    obj.lock_location = (not kind.posed,) * 3
+    obj.lock_rotation = tuple(axis not in kind.turns for axis in range(3))
+    obj.lock_scale = (True,) * 3
     home.objects.link(obj)
     place(obj, settings)
     return obj
@@ -74,14 +77,6 @@ def new_path(
     sensor[PATH_KEY] = obj
     sensor.location = obj.location
     return obj
-
-
-def lock(obj: bpy.types.Object) -> None:
-    """Keep a sensor from moves by hand that would have no effect."""
-    kind = KINDS[kind_of(obj)]
-    obj.lock_location = (not kind.posed,) * 3
-    obj.lock_rotation = tuple(axis not in kind.turns for axis in range(3))
-    obj.lock_scale = (True,) * 3
 
 
 def _speaker(name: str) -> bpy.types.Object:

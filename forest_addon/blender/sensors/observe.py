@@ -18,6 +18,7 @@ from ...base.trimesh import GROUND
 from ...sensing.audit import Audit, held
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
+from ...sensing.lidar.cloud import organs
 from ...sensing.moving import MovingScene
 from ...sensing.moving_rays import MovingCaster
 from ...sensing.rays.caster import RayCaster
@@ -222,11 +223,7 @@ class Observer:
                 "the frame rate for less"
             )
         above = self.wood.cast(points, np.broadcast_to((0.0, 0.0, 1.0), points.shape))
-        meshes, mesh_of = self.wood.scene.meshes, np.append(self.wood.scene.mesh_index, -1)
-        buried = above.found & [
-            mesh >= 0 and meshes[mesh].part[triangle] == GROUND
-            for mesh, triangle in zip(mesh_of[above.instance], above.triangle, strict=True)
-        ]
+        buried = organs(self.wood.scene, above) == GROUND
         if buried.any():
             where = ", ".join(f"{v:g}" for v in points[buried][0])
             deep = f"{above.distance[buried][0]:.3g} m under the ground"
@@ -314,21 +311,19 @@ def _renewed(
     new = Observer(depsgraph, rays, expansions)
     old = lasting.get("observer", new)
     asked = old.rays == rays and (expansions is None or expansions is old.expansions)
-    if not asked or not _is_same(old.geometry, new.geometry):
+    # The same meshes at the same places, of which the same is said.
+    same = [*map(id, old.geometry.meshes)] == [*map(id, new.geometry.meshes)] and all(
+        _are_equal(getattr(old.geometry, field.name), getattr(new.geometry, field.name))
+        for field in fields(SceneGeometry)
+        if field.name != "meshes"
+    )
+    if not (asked and same):
         old = new
     old.places, lasting["observer"], lasting["changed"] = new.places, old, False
     lasting["solids"] = solids_in(depsgraph.scene)
     for of_sensors in (old._moving, old._moving_wood, old._begins):  # it may move otherwise by now
         of_sensors.clear()
     return old
-
-
-def _is_same(one: SceneGeometry, other: SceneGeometry) -> bool:
-    """Return whether two scenes hold the same meshes at the same places, and say the same of them."""
-    names = (field.name for field in fields(SceneGeometry) if field.name != "meshes")
-    return list(map(id, one.meshes)) == list(map(id, other.meshes)) and all(
-        _are_equal(getattr(one, name), getattr(other, name)) for name in names
-    )
 
 
 def _are_equal(one: Any, other: Any) -> bool:

@@ -267,8 +267,11 @@ class Referee(RayCaster):
         self._caster = caster
         self.exact: Any = ExactCaster(caster.scene) if exact is None else exact
         self.scene, self.moving = self.exact.scene, self.exact.moving
-        step = float(np.spacing(np.float32(_half_size(self.scene))))
-        self.edge = max(ASIDE, STEPS * step)
+        low, high = self.scene.bounds()
+        known = np.isfinite(low + high).all(axis=1)
+        low, high = low[known].min(axis=0, initial=np.inf), high[known].max(axis=0, initial=-np.inf)
+        half = float((high - low).max()) / 2  # of the scene; below 0 of an empty one
+        self.edge = max(ASIDE, STEPS * float(np.spacing(np.float32(max(half, 0.0)))))
 
     def cast(
         self,
@@ -390,15 +393,6 @@ class Referee(RayCaster):
             (moved.instance == ours.instance) & (moved.triangle == ours.triangle)
         )
         return np.asarray(alike.reshape(count, -1).any(axis=0))
-
-
-def _half_size(scene: SceneGeometry) -> float:
-    """Metres from the middle of a scene to its sides, at most."""
-    low, high = scene.bounds()
-    known = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
-    if not known.any():
-        return 0.0
-    return float((high[known].max(axis=0) - low[known].min(axis=0)).max()) / 2
 
 
 def _alike(one: Hits, other: Hits) -> np.ndarray:
