@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +22,7 @@ from ..base.runs import numbered
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, swept, within
 from .rays.caster import Hits
-from .rays.geometry import OF_MESHES, SceneGeometry
+from .rays.geometry import OF_MESHES, SceneGeometry, alone
 from .rays.paths import SceneMotion, ShapePath
 
 if TYPE_CHECKING:
@@ -79,6 +80,18 @@ class MovingScene:
         there = whole.mesh_index.copy()
         there[sways[sways >= len(read)]] = empty
         self.whole = replace(meshed, meshes=meshed.meshes[: empty + 1], mesh_index=there)
+
+    @cached_property
+    def keyed(self) -> np.ndarray:
+        """(N, 2, 3) corners in the world of boxes that the parts which have a path, in the order of
+        ``motion.rows``, never leave; NaN of those without a surface."""
+        boxes = np.empty((len(self.motion.rows), 2, 3))
+        for row, number in enumerate(self.motion.rows.tolist()):
+            shape = self.motion.shapes.get(number)
+            mesh = alone(self.scene.meshes[self.scene.mesh_index[number]])
+            ends = mesh.bounds() if shape is None else shape.bounds()
+            boxes[row] = self.motion.paths[number].swept(*(np.reshape(end, 3) for end in ends))
+        return boxes
 
     def solid(self) -> MovingScene:
         """The same motion without leaves."""

@@ -50,15 +50,9 @@ class MovingCaster(RayCaster):
         self.still = make(moving.still)
         self.engine = self.still.engine
         self._casters: dict[int, RayCaster] = {}
-        motion = moving.motion
-        boxes = np.empty((len(motion.rows), 2, 3))
-        for row, number in enumerate(motion.rows.tolist()):
-            mesh = moving.scene.meshes[moving.scene.mesh_index[number]]
-            shape = motion.shapes.get(number)
-            ends = alone(mesh).bounds() if shape is None else shape.bounds()
-            boxes[row] = motion.paths[number].swept(*(np.reshape(end, 3) for end in ends))
-        self._keyed = BoxTree(boxes[:, 0], boxes[:, 1])
-        self._spans = np.array([motion.span(n) for n in motion.rows.tolist()]).reshape(-1, 2)
+        self._keyed = BoxTree(*moving.keyed.swapaxes(0, 1))
+        spans = [moving.motion.span(number) for number in moving.motion.rows.tolist()]
+        self._spans = np.array(spans).reshape(-1, 2)
 
     def cast(
         self,

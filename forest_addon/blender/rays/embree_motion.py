@@ -99,7 +99,8 @@ class EmbreeMotion(MovingCaster):
         self._lock = Lock()
         self._whole = {n: self._usable(n) for n in motion.rows.tolist()}
         self._rows = [r for r, n in enumerate(motion.rows.tolist()) if self._whole[n].any()]
-        self.swept = self._bound()
+        low, high = moving.keyed[self._rows].swapaxes(0, 1)  # of what moves by keys, at any time
+        self.swept = low.min(0, initial=np.inf) - SLACK, high.max(0, initial=-np.inf) + SLACK
         self._steps = [self._step_of(n) for n in motion.rows.tolist()]
 
     def _met(
@@ -164,18 +165,6 @@ class EmbreeMotion(MovingCaster):
             return whole_triangles(mesh)
         finite = np.isfinite(shape.vertices).all(axis=(0, 2))
         return np.asarray(finite[mesh.triangles].all(axis=1))
-
-    def _bound(self) -> tuple[np.ndarray, np.ndarray]:
-        """The box, corners (3,), of what moves by keys, at any time."""
-        boxes = [(np.full(3, np.inf), np.full(3, -np.inf))]
-        for row in self._rows:
-            number = int(self.moving.motion.rows[row])
-            mesh, shape = self._mesh(number), self.moving.motion.shapes.get(number)
-            used = mesh.vertices[mesh.triangles[self._whole[number]]].reshape(-1, 3)
-            box = (used.min(axis=0), used.max(axis=0)) if shape is None else shape.bounds()
-            boxes.append(self.moving.motion.paths[number].swept(*box))
-        lows, highs = (np.array(ends) for ends in zip(*boxes, strict=True))
-        return lows.min(axis=0) - SLACK, highs.max(axis=0) + SLACK
 
     def _step_of(self, number: int) -> int:
         """Samples of a step of a part's way in Embree: as many as do not take it off its samples."""

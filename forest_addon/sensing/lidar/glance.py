@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...spec import Airborne, Mobile, Surfaces, Terrestrial, Tractor
 from ..kind import AROUND, Observation, chain, rays_to
+from ..trajectory import Trajectory, strips
 from .cloud import ESCAPED, Cloud, label
-from .pattern import directions
+from .pattern import directions, pattern_of
 from .radiometry import intensity, reflectance_of
-
-if TYPE_CHECKING:
-    from ..trajectory import Trajectory
+from .tractor import axes, directions_of, fan, origins_of, positions
 
 
 SHAPE = (64, 256)  # rows and columns, at most
@@ -73,13 +72,9 @@ def rays_of(
     """Origins and unit directions (R, 3) of pulses, column by column from the lowest row up, and the image's
     rows and columns."""
     if isinstance(scanner, Tractor):
-        from .tractor import axes, fan, positions
-
         column, row = _grid(len(positions(scanner)), len(fan(scanner)))
         origin, way = axes(scanner, column.ravel(), row.ravel())
         return origin, way, column.shape[::-1]
-    from .pattern import directions, pattern_of
-
     pattern = pattern_of(scanner, trajectory)
     if isinstance(scanner, Terrestrial):
         azimuth, elevation = directions(scanner)
@@ -159,8 +154,6 @@ def outline(sensor: Any) -> np.ndarray:
 
 def fan_outline(tractor: Tractor) -> np.ndarray:
     """The track, and the fan of beams at its start, middle and end."""
-    from .tractor import directions_of, origins_of
-
     height = tractor.position[2]
     low, high = -math.atan2(height, tractor.reach), math.atan2(tractor.top - height, tractor.reach)
     rays = tractor.reach * directions_of(tractor, np.linspace(low, high, AROUND // 4 + 1))
@@ -194,8 +187,6 @@ def sweep_outline(scanner: Terrestrial, radius: float = 2.0) -> np.ndarray:
 
 def strips_outline(flight: Airborne) -> np.ndarray:
     """The strips of a flight, and the fan of beams down to z = 0 at the start of each."""
-    from ..trajectory import strips
-
     heading, height = math.radians(flight.heading_deg), max(flight.position[2], 0.0)
     right = np.array([math.sin(heading), -math.cos(heading), 0.0])
     edges = np.clip(np.radians(flight.field_deg), -FLAT, FLAT)

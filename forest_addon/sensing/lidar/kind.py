@@ -36,11 +36,11 @@ def look_of_tractor(tractor: Tractor) -> BeamLook:
         across = distance * float(np.deg2rad(tractor.angle_step_deg))
         return min(tractor.step, across) if tractor.splits else 0.0
 
-    heading, start = np.deg2rad(tractor.heading_deg), np.array(tractor.position, dtype=float)
-    onward = np.array([np.cos(heading), np.sin(heading), 0.0]) * tractor.track
+    from .tractor import origins_of
+
     return BeamLook(
         name=tractor.name,
-        corners=np.stack([start, start + onward]),
+        corners=origins_of(tractor, np.array([0.0, tractor.track])),
         exact_wood=False,
         slack=tractor.step,  # a beam is as wide as a step
         range=tractor.max_range,
@@ -143,13 +143,11 @@ def _audit_scan(job: Observation, found: Any) -> list[AuditPart]:
 
 def _no_hits(job: Observation, found: Any) -> str:
     """The reason why no beam of a tractor met anything."""
-    from .tractor import positions
+    from .tractor import origins_of, positions
 
     if np.isfinite(found.distance).any():
         return ""
-    along = np.linspace(0, positions(job.sensor)[-1], PLACES)[:, None]
-    heading = np.deg2rad(job.sensor.heading_deg)
-    where = job.sensor.position + along * [np.cos(heading), np.sin(heading), 0.0]
+    where = origins_of(job.sensor, np.linspace(0, positions(job.sensor)[-1], PLACES))
     return why_nothing("no beam met anything", where, job.sensor.max_range, job.seen.geometry)
 
 

@@ -187,14 +187,9 @@ def morton(centre: np.ndarray) -> np.ndarray:
     return code
 
 
-def _drawn_apart(bits: np.ndarray) -> np.ndarray:
-    """Ten bits of each number, two zeros between them."""
-    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
-        bits = (bits | bits << shift) & mask
-    return bits
-
-
-APART = _drawn_apart(np.arange(1024))
+APART = np.arange(1024)  # ten bits of each number, two zeros between them
+for _shift, _mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+    APART = (APART | APART << _shift) & _mask
 _TURNS = np.arange(24) * np.pi / 24
 # (D, 3) unit directions along which bundles of ways are measured: level ones, and the vertical.
 SIDES = np.column_stack([np.cos(_TURNS), np.sin(_TURNS), np.zeros(24)])

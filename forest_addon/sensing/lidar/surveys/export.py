@@ -25,7 +25,7 @@ from ....spec import (
 )
 from ...trajectory import Trajectory, strips
 from ..pattern import Pattern, directions, pattern_of
-from ..tractor import fan, positions
+from ..tractor import fan, origins_of, positions
 from .digitised import rings
 from .trajectories import beam_poses, canonical, write_poses
 
@@ -318,11 +318,10 @@ def _tractor(sensor: Tractor) -> Written:
     _channels(scanner, np.rad2deg(fan(sensor)))
     platform, mount = _platform("tractor", "linearpath")
     SubElement(mount, "rot", axis="z", angle_deg="-90" if sensor.side == "right" else "90")
-    heading = np.deg2rad(sensor.heading_deg)
-    ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
     legs = []
-    for gone, active in ((-step, True), (float(along[-1]), False)):
-        where = _at(np.array(sensor.position) + gone * ahead) | {"movePerSec_m": 1.0}
+    ends = origins_of(sensor, np.array([-step, along[-1]]))
+    for place, active in zip(ends, (True, False), strict=True):
+        where = _at(place) | {"movePerSec_m": 1.0}
         values = {"active": active, "pulseFreq_hz": 1 / step, "scanFreq_hz": 0.0}
         legs.append(_leg(where, {**values, "scanAngle_deg": 180.0}))
     return scanner, platform, legs
