@@ -21,7 +21,6 @@ from .pattern import directions, pattern_of
 from .radiometry import intensity, reflectance_of
 from .tractor import axes, directions_of, fan, origins_of, positions
 
-
 SHAPE = (64, 256)  # rows and columns, at most
 
 
