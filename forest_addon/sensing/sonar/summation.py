@@ -103,7 +103,9 @@ def _over(
             heard = EarAmplitudes(group, station, ear)
             doubtful = heard.strength.error(highest)
             if doubtful is not None:
-                table[ear] += float((heard.gain(np.array(band[:1]))[0] * doubtful).sum())
+                table[ear] += float(
+                    (heard.gain(np.linspace(*band, 3)).max(axis=0) * doubtful).sum()
+                )
             loud, strength = group.bound * group.shade, heard.strength
             smooth = tolerance > 0 and lowest < highest
             parts = strength.parts(lowest, highest) if smooth else strength.whole()

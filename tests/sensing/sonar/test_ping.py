@@ -6,6 +6,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+from references.discs import HardDisc
 from references.echoes import LINEAR, culled, discs_of, leaf_direct, leaf_discs, scene_of
 from references.rays import BruteCaster
 
@@ -524,3 +525,24 @@ def test_a_tone_has_one_bin() -> None:
     assert abs(echo.spectrum[0]) == pytest.approx(k * 0.01**2 / 2 / 4, rel=1e-9)
     assert len(echo.time) == 8000
     np.testing.assert_allclose(echo.envelope, abs(echo.spectrum[0]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("rise", [-30.0, 30.0])
+def test_what_the_table_is_off_by_is_told_of_any_ears(rise: float) -> None:
+    """Equal leaves in phase against the exact disc, by ears that hear the band's end ``rise`` dB louder."""
+    low, high, away, radius = 40e3, 90e3, 3.0, 0.03
+    ears = MeasuredBeam(np.array([0.0, 3.2]), np.array([low, high]), np.array([[0.0, rise]] * 2))
+    sonar = AnySonar(
+        position=(0, 0, 0), band=(low, high), beam="omni", absorption=False, cull=0.0, tolerance=0.0
+    )
+    facing = np.array([1.0, 0.3, 0.1])
+    leaves = discs_of([[away, 0, 0]] * 300, facing, radius)
+    echo = ping(leaves, sonar, AIR, equipment=Equipment.of(sonar, hears=(ears,)))
+    some = np.linspace(0, len(echo.frequency) - 1, 9).astype(int)
+    angle = np.arccos(1 / np.linalg.norm(facing, keepdims=True))
+    for found, frequency in zip(echo.spectrum[some], echo.frequency[some], strict=True):
+        k = 2 * np.pi * frequency / 340.0
+        exact = HardDisc(float(k * radius)).backscatter(angle)[0] / (k * away**2)
+        exact *= 300 * np.exp(-2j * k * away) * ears.gain(*np.zeros((2, 1)), frequency[None])[0, 0]
+        assert abs(found - exact) <= echo.table_error * echo.size[0]
+    assert echo.table_error < 1e-4
