@@ -46,7 +46,7 @@ def scattered_field(
     *,
     direct_up_to: int = DIRECT_UP_TO,
     orders: int | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Pressure that M cylinders add at R receivers, at F frequencies, under e^{+iωt}.
 
     frequency : (F,) Hz, above 0. centre : (M, 2), radius : (M,) metres.
@@ -56,8 +56,7 @@ def scattered_field(
 
     Returns
     -------
-    (F, R), or (F, S, R), with multiple scattering; the same with each trunk as if it were alone; (F,) size of
-    the systems that were solved.
+    (F, R), or (F, S, R), with multiple scattering; the same with each trunk as if it were alone.
 
     Raises
     ------
@@ -67,7 +66,7 @@ def scattered_field(
     receiver, sources = np.atleast_2d(receiver), np.atleast_2d(source)
     _check(centre, radius, sources, receiver)
     near = _nearness(centre, radius)
-    every, once, unknowns = [], [], []
+    every, once = [], []
     for wavenumber in 2.0 * math.pi * np.asarray(frequency, np.float64) / sound_speed:
         system = _System(wavenumber, centre, radius, near, orders)
         alone = np.stack([system.heard_from(one) for one in sources], axis=1)  # (U, S)
@@ -76,9 +75,8 @@ def scattered_field(
         far = math.sqrt(0.5 * math.pi * wavenumber) * np.exp(-0.25j * math.pi)
         every.append(far * np.conj(heard @ coupled).T)
         once.append(far * np.conj(heard @ alone).T)
-        unknowns.append(len(alone))
     shape = (len(every), *np.shape(source)[:-1], len(receiver))
-    return np.array(every).reshape(shape), np.array(once).reshape(shape), np.array(unknowns, int)
+    return np.array(every).reshape(shape), np.array(once).reshape(shape)
 
 
 def unknowns(frequency: float, centre: np.ndarray, radius: np.ndarray, sound_speed: float) -> int:

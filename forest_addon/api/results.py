@@ -24,7 +24,6 @@ from ..base.rows import distinct
 from ..formats.foreign import library
 from ..formats.table import write_npz
 from ..results.coordinates import NO_OFFSET, Offset
-from ..results.kind import Finding
 from ..results.kinds import figures_of, labelled_of, results_of, write_as
 from ..results.points import ENDINGS, ending_of, write_points
 from ..results.sonar import heard_columns, received_arrays
@@ -496,18 +495,3 @@ CLASSES: Mapping[str, Callable[..., Result]] = {  # of kinds whose results have 
 def is_scanner(sensor: Sensor) -> bool:
     """Return whether these are settings of a sensor whose points go to a file chunk by chunk."""
     return CLASSES.get(getattr(sensor, "kind", "")) is PointCloud
-
-
-def result_of(
-    sensor: Sensor,
-    found: Finding,
-    seconds: float,
-    audit: Audit | None,
-    offset: Offset,
-    chosen: tuple[Choice, ...] = (),
-    warnings: tuple[str, ...] = (),
-    way: Trajectory | None = None,
-) -> Result:
-    """A sensor's finding as a result."""
-    made = CLASSES.get(sensor.kind, Result)
-    return made(sensor, found, seconds, audit, offset, chosen, warnings, way)

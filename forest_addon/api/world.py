@@ -58,7 +58,7 @@ from .given import (
     progress_of,
     way_of,
 )
-from .results import Echoes, PointCloud, Response, Result, RowScan, is_scanner, result_of
+from .results import CLASSES, Echoes, PointCloud, Response, Result, RowScan, is_scanner
 
 if TYPE_CHECKING:
     from ..blender.sensors.observe import Observer
@@ -216,7 +216,8 @@ class World:
         offset = Offset.of(self.scene)
         ours = [one for one in self.chosen if one.sensor == sensor.name]
         chosen = (*chosen, *kind_of(sensor).left_out(result), *ours)
-        return result_of(sensor, result, seconds, audit, offset, chosen, warnings, way)
+        made = CLASSES.get(sensor.kind, Result)
+        return made(sensor, result, seconds, audit, offset, chosen, warnings, way)
 
     @property
     def observer(self) -> Observer:

@@ -134,7 +134,7 @@ def judge(case: Ensemble, edges: np.ndarray, seed: int = 1) -> JudgedSum:
         orders = math.ceil(case.ka * (1 + BAND / 2) + 2.3 * case.ka ** (1 / 3) + 1)
         ends = sources, receivers.reshape(-1, 2)
         fields = scattered_field(frequency, centre, radius, *ends, SPEED, orders=orders)
-        for kept, found in zip((every, once), fields[:2], strict=True):
+        for kept, found in zip((every, once), fields, strict=True):
             spectra = found.reshape(len(frequency), case.sources, case.sources, -1)
             own = np.einsum("fssr->fsr", spectra)  # each source hears its own circle
             kept.append(_by_length(own * window[:, None, None], window, step, edges))

@@ -75,7 +75,7 @@ def model_error(
     every, once = [], []
     for done, frequency in enumerate(fits, start=1):
         at = np.array([frequency])
-        coupled, alone, _ = scattered_field(at, centre, radius, ends[0], ends[1:], speed)
+        coupled, alone = scattered_field(at, centre, radius, ends[0], ends[1:], speed)
         every.append(coupled[0, 0])
         once.append(alone[0, 0])
         if progress:

@@ -118,15 +118,15 @@ def _upsampled(periodic: np.ndarray, step: int, count: int) -> np.ndarray:
     """(count,) at ``step`` times the rate, of samples that go round; nothing is in their upper half band."""
     needed = -(-count // step) + 2 * BESIDE
     some = np.take(periodic, np.arange(-BESIDE, needed - BESIDE), mode="wrap")
-    fade = fall(np.arange(BESIDE) + 0.5, (0.0, float(BESIDE)))
-    return upsampled(some, step, fade)[BESIDE * step : BESIDE * step + count]
+    return upsampled(some, step, BESIDE)[BESIDE * step : BESIDE * step + count]
 
 
-def upsampled(samples: np.ndarray, step: int, fade: np.ndarray) -> np.ndarray:
+def upsampled(samples: np.ndarray, step: int, beside: int) -> np.ndarray:
     """(N·step,) samples at ``step`` times the rate, of a band that has nothing at its old end.
 
-    fade : from 1 to 0, over as many samples at both ends, which are changed.
+    beside : samples at both ends that fade out, and are changed.
     """
+    fade = fall(np.arange(beside) + 0.5, (0.0, float(beside)))
     samples[: len(fade)] *= fade[::-1]
     samples[-len(fade) :] *= fade
     size = fft.next_fast_len(len(samples) + len(fade), real=True)

@@ -105,8 +105,7 @@ class LayerSum:
         if self.air is not None:
             total = self.air.apply(total, -beside)
         if self.step > 1:
-            fade = roll_off(0.45 + 0.05 * np.arange(BESIDE) / BESIDE)
-            total = upsampled(total, self.step, fade)
+            total = upsampled(total, self.step, BESIDE)
         return total[beside * self.step : beside * self.step + count], checks
 
     def _sector_sum(
