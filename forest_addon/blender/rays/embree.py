@@ -348,29 +348,24 @@ class EmbreeBuild:
         self, kept: np.ndarray, steps: int, triangles: np.ndarray, margin: float
     ) -> int:
         """A scene of triangles, whose arrays Embree reads where they are: vertices 16 bytes at a time."""
-        scene = self._scene()
-        self._add(scene, 0, kept, steps, triangles)
+        scene, parts = self._scene(), [(kept, steps, triangles)]
         if margin and len(kept):  # by two triangles that are points, which no ray meets
             margin += ROUNDING * float(np.abs(kept).max())
             corners = np.stack([kept.min(axis=0) - margin, kept.max(axis=0) + margin, kept[0]])
-            self._add(
-                scene, 1, corners.astype(np.float32)[:2], 1, np.arange(2)[:, None].repeat(3, 1)
-            )
+            parts.append((corners.astype(np.float32)[:2], 1, np.array([[0, 0, 0], [1, 1, 1]])))
+        given = self._library.rtcSetSharedGeometryBuffer
+        for number, (kept, steps, triangles) in enumerate(parts):
+            count = len(kept) // steps
+            triangles = np.ascontiguousarray(triangles, dtype=np.int32).view(np.uint32)
+            self._arrays += [kept, triangles]
+            geometry = self._library.rtcNewGeometry(self._device, TRIANGLE)
+            self._library.rtcSetGeometryTimeStepCount(geometry, steps)
+            first, size = kept.ctypes.data, kept.strides[0] * count
+            for step in range(steps):
+                given(geometry, VERTEX_BUFFER, step, FLOAT3, first + step * size, 0, 12, count)
+            given(geometry, INDEX_BUFFER, 0, UINT3, triangles.ctypes.data, 0, 12, len(triangles))
+            self._attach(scene, geometry, number)
         return self._commit(scene)
-
-    def _add(
-        self, scene: int, number: int, kept: np.ndarray, steps: int, triangles: np.ndarray
-    ) -> None:
-        count, given = len(kept) // steps, self._library.rtcSetSharedGeometryBuffer
-        triangles = np.ascontiguousarray(triangles, dtype=np.int32).view(np.uint32)
-        self._arrays += [kept, triangles]
-        geometry = self._library.rtcNewGeometry(self._device, TRIANGLE)
-        self._library.rtcSetGeometryTimeStepCount(geometry, steps)
-        first, size = kept.ctypes.data, kept.strides[0] * count
-        for step in range(steps):
-            given(geometry, VERTEX_BUFFER, step, FLOAT3, first + step * size, 0, 12, count)
-        given(geometry, INDEX_BUFFER, 0, UINT3, triangles.ctypes.data, 0, 12, len(triangles))
-        self._attach(scene, geometry, number)
 
     def instances(
         self,
