@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 HALF_POWER = -2.0 * math.log(10.0 ** (-3.0 / 20.0))  # Tanveer et al. (2020a) print -2·ln 0.7079
 DEGREES = 4  # of the polynomials in frequency through a measured pattern
+EVEN = 1.0  # dB, to which a direction is taken to hear all frequencies alike
 FILL, GAP = 400, 2.0 * math.sin(math.radians(10.0))  # directions that fill, a chord of 20°
 HORSESHOE = (
     0.011333,
@@ -125,7 +126,8 @@ class Measured(BeamPattern):
     """Pattern of dB (N, F) at N directions and F frequencies, Hz, between which dB are mixed.
 
     Over the frequency they follow a polynomial of at most the fourth degree, so that echoes stay smooth
-    in frequency; beyond the first and last frequency they stay.
+    in frequency, of a lower one where it would swing beyond the measured dB by more than their span;
+    beyond the first and last frequency they stay.
     """
 
     frequency: np.ndarray
@@ -138,7 +140,14 @@ class Measured(BeamPattern):
             return np.asarray(self.level.T)
         low, high = self.frequency[0], self.frequency[-1]
         known = 2.0 * (self.frequency - low) / (high - low) - 1.0
-        return np.polynomial.chebyshev.chebfit(known, self.level.T, min(DEGREES, len(known) - 1))
+        low, high = self.level.min(axis=1), self.level.max(axis=1)
+        span = (high - low + EVEN)[:, None]
+        for degree in range(min(DEGREES, len(known) - 1), -1, -1):
+            fit = np.polynomial.chebyshev.chebfit(known, self.level.T, degree)
+            between = np.polynomial.chebyshev.chebval(np.linspace(-1.0, 1.0, 65), fit)
+            if (np.abs(between - 0.5 * (low + high)[:, None]) <= 1.5 * span).all():
+                break
+        return fit
 
     def levels(self, frequency: np.ndarray) -> np.ndarray:
         """(N, Q) dB at other frequencies."""

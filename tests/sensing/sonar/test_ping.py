@@ -418,6 +418,15 @@ def test_measured_patterns_pass_through_what_was_measured() -> None:
     assert single.gain(np.zeros(1), np.zeros(1), np.array([1e3, 9e4])).shape == (2, 1)
 
 
+def test_measured_patterns_do_not_swing_between_frequencies_that_stand_close() -> None:
+    """A polynomial of degree 4 through all five passes them by 5,000 dB."""
+    at = np.array([20e3, 20.1e3, 20.2e3, 20.3e3, 80e3])
+    level = np.array([[0, 1.5, -1.5, 1.5, -6], [-20, -21, -19.5, -20.5, -30.0]])
+    swinging = MeasuredBeam(np.deg2rad([0, 180]), at, level).levels(np.linspace(20e3, 80e3, 500))
+    off = np.abs(swinging - level.mean(axis=1, keepdims=True))
+    assert (off.max(axis=1) < 2 * np.ptp(level, axis=1)).all()
+
+
 @pytest.mark.parametrize(
     "beam", [GaussianBeam((0.5, 0.2)), Horseshoe(), measured(), all_round(), Omni()], ids=type
 )
