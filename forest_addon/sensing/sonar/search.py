@@ -32,7 +32,7 @@ from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
 MANY, FEWER = 512, 7  # scatterers whose Σ|A| is known from so few frequencies
-LOUDEST = 2048  # scatterers whose Σ|A| is the first lower bound
+LOUDEST = 4096  # scatterers whose Σ|A| is a lower bound
 CAUTION = 0.9  # a mean over few frequencies may be a little too large
 GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
 
@@ -101,16 +101,15 @@ def search(
     unbounded = int(np.count_nonzero(np.isinf(bound)))  # with something not finite: they come first
     finder = _Finder(targets, station, band, shade, latest)
 
-    opened, known, loudest = 0, GUESS * float(rest[unbounded]), LOUDEST
+    opened, known, told = 0, GUESS * float(rest[unbounded]), 0
     while True:
         until = max(int(np.searchsorted(-rest, -0.5 * sonar.cull * known)), opened, unbounded)
+        if until == opened:
+            return finder.keep(sonar.cull * known, float(rest[opened]), known, far)
         finder.open(blocks.select(order[opened:until]))
         opened = until
-        known = finder.least(loudest)
-        shut = float(rest[opened])
-        if shut <= 0.5 * sonar.cull * known or opened == len(order):
-            return finder.keep(sonar.cull * known, shut, known, far)
-        loudest *= 4
+        if told < LOUDEST:
+            told, known = finder.least()
 
 
 class _Finder:
@@ -211,12 +210,11 @@ class _Finder:
         if len(group):
             self._groups.append(group)
 
-    def least(self, count: int) -> float:
-        """Σ|A| of the ``count`` loudest, by their bounds: no more than Σ|A| of all."""
-        if not self._groups:
-            return 0.0
-        bounds = np.concatenate([group.bound for group in self._groups])
-        limit = np.partition(bounds, -count)[-count] if count < len(bounds) else 0.0
+    def least(self) -> tuple[int, float]:
+        """Number of scatterers opened, and Σ|A| of the loudest, by their bounds: no more than of all."""
+        bounds = np.concatenate([group.bound for group in self._groups] or [np.empty(0)])
+        count = min(LOUDEST, len(bounds))
+        limit = np.partition(bounds, -count)[-count] if count else 0.0
         total = 0.0
         for number in range(len(self._groups)):
             rows = np.flatnonzero(self._groups[number].bound >= limit)
@@ -224,7 +222,7 @@ class _Finder:
             group = self._groups[number].select(rows)
             few = FEWER if len(rows) >= MANY else SAMPLED
             total += float(mean_amplitude(group, self._station, self._band, few).sum())
-        return CAUTION * total
+        return len(bounds), CAUTION * total
 
     def keep(self, budget: float, shut: float, known: float, far: int) -> Found:
         """All but the weakest, whose bounds and ``shut`` add up to at most ``budget``.
