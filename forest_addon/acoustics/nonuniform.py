@@ -36,7 +36,7 @@ from .spectrum import delay_factors
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 # Numbers of nodes.
-LEVELS = np.unique(np.rint(2.0 * 1.12 ** np.arange(45)).astype(np.int64))  # up to 293
+LEVELS = np.unique(np.rint(2.0 * 1.2 ** np.arange(29)).astype(np.int64))  # up to 330
 FIRST = np.searchsorted(LEVELS, np.arange(LEVELS[-1] + 2))  # of these that is no smaller
 FALLS = np.geomspace(1e-6, 1e4, 2048)  # nepers over the turn
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
@@ -51,7 +51,7 @@ KERNEL = 0.25  # of the tolerance, for the transform
 TYPICAL = 0.4  # root of the mean square of the transform's error, over the largest
 PEAK = 3.5  # largest of many random values over their root of the mean square, about
 ALIKE = 1.5  # times as loud as echoes are together, of their own, errors may be
-VALUES_AT_ONCE = 1 << 18  # amplitudes at once
+VALUES_AT_ONCE = 1 << 17  # amplitudes at once: more leave the cache before they are laid down
 DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 15  # products of echoes and bins that are summed directly: the fast way costs more
