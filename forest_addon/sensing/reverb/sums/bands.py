@@ -4,7 +4,7 @@ A trunk's answer goes with f^1.5 towards 0 and dies away as t^-2.5; so do the ai
 far below 100 Hz. Above, answers are over within milliseconds. A function that gives a spectrum on any even
 grid comes in; it is asked three times, for bands that give way to each other smoothly, each on a grid as fine
 as what rings there needs, and the samples of all bands together go out. Nothing that a tolerance would notice
-wraps around, at the cost of a few thousand bins.
+wraps around, at the cost of a few thousand bins. ``roll_off`` is the smooth end of the band of every response.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, special
 
-from ..band import SPREAD, roll_off
-
+SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
 SPANS = ((10.0, 40.0), (150.0, 600.0))  # Hz over which a band gives way to the next
 HIGH_RINGING, MIDDLE_RINGING = 0.5, 2.5  # s, besides what thick trunks take
 BEFORE = 0.3  # of it, before the first sound: losses without dispersion sound there
@@ -57,6 +56,15 @@ def fall(frequency: np.ndarray, span: tuple[float, float]) -> np.ndarray:
     place = 2.0 * (frequency - span[0]) / (span[1] - span[0]) - 1.0
     smooth: np.ndarray = 0.5 * special.erfc(STEEP * place)
     return np.where(place <= -1.0, 1.0, np.where(place >= 1.0, 0.0, smooth))
+
+
+def roll_off(share: np.ndarray) -> np.ndarray:
+    """Gain at a share of the sampling rate: 1 up to 0.45, a Gaussian step down to 0 at 0.5.
+
+    A band that ends at once gives every arrival that is not on a sample tails of 1/t.
+    """
+    step = 0.5 * special.erfc((share - 0.475) / 0.025 * 4.0)  # 8e-9 from 0 and 1 at the ends
+    return np.where(share <= 0.45, 1.0, np.where(share >= 0.5, 0.0, step))
 
 
 def bands_of(
