@@ -4,7 +4,7 @@ A trunk's answer goes with f^1.5 towards 0 and dies away as t^-2.5; so do the ai
 far below 100 Hz. Above, answers are over within milliseconds. A function that gives a spectrum on any even
 grid comes in; it is asked three times, for bands that give way to each other smoothly, each on a grid as fine
 as what rings there needs, and the samples of all bands together go out. Nothing that a tolerance would notice
-wraps around, at the cost of a few thousand bins. ``roll_off`` is the smooth end of the band of every response.
+wraps around, at the cost of a few thousand bins. ``roll_off`` is the end of every response's band.
 """
 
 from __future__ import annotations
