@@ -160,7 +160,7 @@ INSIDE = {
     "SceneMotion": "forest_addon.sensing.rays.paths:SceneMotion",
     "ShapePath": "forest_addon.sensing.rays.paths:ShapePath",
     "Search": "forest_addon.sensing.rays.search:Search",
-    "roll_off": "forest_addon.sensing.reverb.sums.bands:roll_off",
+    "roll_off": "forest_addon.sensing.reverb.bands:roll_off",
     "Directivity": "forest_addon.sensing.reverb.directivity:Directivity",
     "OMNI": "forest_addon.sensing.reverb.directivity:OMNI",
     "Losses": "forest_addon.sensing.reverb.forest.losses:Losses",

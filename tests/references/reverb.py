@@ -15,9 +15,9 @@ from scipy import fft, special
 
 from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.skeleton import Skeleton
+from forest_addon.sensing.reverb.bands import roll_off
 from forest_addon.sensing.reverb.forest.clutter import Blades, Rods
 from forest_addon.sensing.reverb.forest.losses import Losses, loss_per_metre
-from forest_addon.sensing.reverb.sums.bands import roll_off
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, scattered_spectrum
 from forest_addon.spec import Air
 

@@ -22,13 +22,13 @@ from numpy.polynomial import legendre
 from scipy import fft
 
 from ..audit import LEAST, AuditPart, figures
+from .bands import SPREAD, OctaveBand, bands_of, roll_off
 from .channels import ImpulseResponse
 from .forest.losses import loss_per_metre
 from .forest.tail import FADE, Tail
 from .hearing import OMNI_EAR, Hearing, encoded
 from .model_error import model_error
 from .pair import Gain, Pair, filtered, trees_of
-from .sums.bands import SPREAD, OctaveBand, bands_of, roll_off
 from .sums.fast_scattering import Expansions, arrivals_of, judged
 from .sums.scattering import direct_sum, scattered_spectrum
 from .sums.tree_response import NEAREST, left_out_db, part_until, summed_exactly

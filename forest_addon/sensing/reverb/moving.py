@@ -15,8 +15,8 @@ from functools import cache
 
 import numpy as np
 
+from .bands import SPREAD
 from .channels import ImpulseResponse
-from .sums.bands import SPREAD
 
 HALF, KAISER = (
     64,

@@ -25,6 +25,7 @@ from ...base.progress import Progress
 from ...base.rng import stream
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
+from .bands import SPREAD, roll_off
 from .channels import ImpulseResponse
 from .directivity import OMNI, Directivity, Term
 from .forest.losses import Losses, loss_per_metre
@@ -32,7 +33,6 @@ from .forest.surroundings import Surroundings
 from .forest.tail import FADE, Tail, tail_of
 from .forest.transport import Sent
 from .model_error import model_error
-from .sums.bands import SPREAD, roll_off
 from .sums.fast_scattering import Expansions
 from .sums.scattering import TrunkPaths, trunk_paths
 from .sums.tree_response import NEAREST, TreeResponse, Weak, tree_response, weak_trunks

@@ -17,9 +17,9 @@ from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.reverb.bands import roll_off
 from forest_addon.sensing.reverb.channels import ImpulseResponse
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.sums.bands import roll_off
 from forest_addon.sensing.reverb.sums.scattering import scattered_spectrum, trunk_paths
 from forest_addon.sensing.reverb.trunks import (
     STEP,

@@ -24,8 +24,8 @@ from ....acoustics.ground import surface_impedance
 from ....base.kept import LastAsked
 from ....base.rng import stream
 from ....spec import Air, Reverb
+from ..bands import roll_off
 from ..metrics import octave_bands
-from ..sums.bands import roll_off
 from .clutter import scatter_of
 from .layer import Layer, diffused
 from .losses import Losses

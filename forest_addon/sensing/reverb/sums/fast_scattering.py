@@ -50,9 +50,9 @@ from scipy import fft
 from ....base.kept import LastAsked
 from ....base.progress import Progress
 from ....spec import Air
+from ..bands import bands_of, roll_off, samples_of
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
-from .bands import bands_of, roll_off, samples_of
 from .layer_sum import LayerSum, expand
 from .panel_sum import USUAL, by_distance, panel_spectrum
 from .path_gain import AirFilter, PathGain

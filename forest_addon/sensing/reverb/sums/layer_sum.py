@@ -40,8 +40,8 @@ from ....acoustics.cylinder import order_count, partial_waves, transfer
 from ....acoustics.gridding import OVERSAMPLING, grid_of, kernel, lay, width_for
 from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
+from ..bands import SPREAD, roll_off, upsampled
 from ..forest.losses import Losses
-from .bands import SPREAD, roll_off, upsampled
 from .path_gain import AirFilter, PathGain, Zone
 from .scattering import Check, TrunkPaths
 

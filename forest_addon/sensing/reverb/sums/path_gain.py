@@ -34,8 +34,8 @@ from scipy import fft, special
 from ....acoustics import chebyshev
 from ....acoustics.air import relaxation
 from ....spec import Air
+from ..bands import roll_off
 from ..forest.losses import LOWEST, NEAR, Losses, loss_per_metre
-from .bands import roll_off
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -20,9 +20,9 @@ from ....acoustics.spectrum import Panel, delay_factors, frequency_panels
 from ....base.progress import Progress
 from ....base.rows import RowTable, distinct
 from ....spec import Air
+from ..bands import OctaveBand, bands_of, samples_of
 from ..forest.losses import Losses, loss_per_metre
 from ..trunks import Trunks
-from .bands import OctaveBand, bands_of, samples_of
 
 Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path length
 Check = tuple[float, float]  # Hz, and relative error of H there, root mean square over some trunks

@@ -40,10 +40,10 @@ from scipy import fft
 from ....acoustics.cylinder import order_count, partial_waves
 from ....base.progress import Progress
 from ....spec import Air, Reverb
+from ..bands import SPREAD
 from ..forest.losses import Losses, loss_per_metre
 from ..metrics import octave_bands
 from ..trunks import Trunks
-from .bands import SPREAD
 from .fast_scattering import FEW_RADII, FINEST, Expansions
 from .scattering import TrunkPaths, direct_sum, trunk_paths
 
