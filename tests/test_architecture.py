@@ -105,7 +105,7 @@ BUDGETS = {
     "forest_addon/growth": (7800, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1111, 13),
-    "forest_addon/sensing": (12352, 94),
+    "forest_addon/sensing": (12345, 93),
     "forest_addon/spec": (1332, 11),
     "forest_addon/stand": (3545, 15),
     "forest_addon/ui": (5284, 36),
