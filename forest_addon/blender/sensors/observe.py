@@ -18,7 +18,6 @@ from ...base.trimesh import GROUND
 from ...sensing.audit import Audit, held
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
-from ...sensing.lidar.cloud import organs
 from ...sensing.moving import MovingScene
 from ...sensing.moving_rays import MovingCaster
 from ...sensing.rays.caster import RayCaster
@@ -223,7 +222,11 @@ class Observer:
                 "the frame rate for less"
             )
         above = self.wood.cast(points, np.broadcast_to((0.0, 0.0, 1.0), points.shape))
-        buried = organs(self.wood.scene, above) == GROUND
+        meshes, mesh_of = self.wood.scene.meshes, np.append(self.wood.scene.mesh_index, -1)
+        buried = above.found & [
+            mesh >= 0 and meshes[mesh].part[triangle] == GROUND
+            for mesh, triangle in zip(mesh_of[above.instance], above.triangle, strict=True)
+        ]
         if buried.any():
             where = ", ".join(f"{v:g}" for v in points[buried][0])
             deep = f"{above.distance[buried][0]:.3g} m under the ground"
