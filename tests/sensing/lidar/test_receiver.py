@@ -354,7 +354,9 @@ def test_a_pulse_of_so_many_nanoseconds():
 @pytest.mark.parametrize("gap", [0.0, 0.5, 1.0, 1.9, 2.0])
 def test_two_equal_contacts_within_two_sigma_are_one_echo_in_the_middle(gap):
     found = echoes_of([10.0, 10.0 + gap * SIGMA])
-    assert found.distance == pytest.approx([10 + gap * SIGMA / 2], abs=1e-9)
+    # At 2 σ the crest is of the fourth order: rounding of 1e-16 moves it by 1e-4 σ.
+    off = 1e-9 if gap < 2 else 1e-4 * SIGMA
+    assert found.distance == pytest.approx([10 + gap * SIGMA / 2], abs=off)
     assert found.energy == pytest.approx([2.0])
     assert found.width == pytest.approx([SIGMA * np.sqrt(1 + gap**2 / 4)])
 
