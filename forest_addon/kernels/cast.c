@@ -5,8 +5,8 @@
  *   embree.py makes all of them thicker than that rounding;
  * - of triangles at one distance, at an edge or edge-on they may name another one than a ray alone does. Such a ray goes
  *   again, alone; a filter sees them, for which Embree searches a band behind what was met.
- * Of 35 million rays aimed at corners, edges and along faces one still depended on those beside it: within 1 µm of an
- * outline it met the triangle alone, and not in a packet.
+ * Of 78 million rays aimed at corners, edges and along faces one still depended on those beside it: within 1 µm of an
+ * outline it met the triangle alone, and not in a packet. Of fans in a plane, 63 million hits, none did.
  */
 #include <math.h>
 #include <string.h>
@@ -27,6 +27,7 @@
 #define NARROW 1e-5   /* between the ways of a packet, along an axis, so that rounding does not close the pyramid */
 #define WIDEST 0.1    /* the same */
 #define CLOSE 1.0     /* metres between their origins */
+#define SLANT 1e-3f   /* of each way along each axis, to one side: in a plane of two axes packets lose hits */
 #define COHERENT (1 << 16 | 1 << 1) /* RTCRayQueryFlags, and that the filter is asked */
 #define BAND 8.0f     /* slacks behind a hit, within which another one makes it doubtful */
 #define FLAT 1e-6     /* square of a cosine: nearer to its plane a ray's hit is doubtful */
@@ -216,12 +217,14 @@ static void send(const struct cast_scene *scene, struct ray_hit *sent, const int
         first++;
     for (int k = 0; k < LANES; k++) {
         double angle = 0.0, step = 0.0;
-        int beside;
+        int beside = ready[k] && scene->steps == 0;
         for (int a = 0; a < 3; a++) {
-            angle = larger(angle, fabsf(sent[k].way[a] - sent[first].way[a]));
+            float one = sent[first].way[a], other = sent[k].way[a];
+            angle = larger(angle, fabsf(other - one));
             step = larger(step, fabsf(sent[k].origin[a] - sent[first].origin[a]));
+            beside = beside && other * (one < 0.0f ? -1.0f : 1.0f) > SLANT;
         }
-        beside = ready[k] && scene->steps == 0 && angle < WIDEST && step < CLOSE;
+        beside = beside && angle < WIDEST && step < CLOSE;
         many += beside;
         widest = beside ? larger(widest, angle) : widest;
         valid[k] = -beside;
