@@ -444,8 +444,9 @@ def in_local_view(_):
     if area is None:
         pytest.skip("this Blender has no 3D view")
     region = next(r for r in area.regions if r.type == "WINDOW")
-    bpy.context.view_layer.objects.active = add_cube()
-    bpy.context.object.select_set(True)
+    cube = bpy.context.view_layer.objects.active = add_cube()
+    cube.location.z = -1000.0  # no sensor sees it
+    cube.select_set(True)
     with bpy.context.temp_override(area=area, region=region):
         bpy.ops.view3d.localview()
     assert area.spaces.active.local_view is not None
