@@ -98,7 +98,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1058, 14),
     "forest_addon/api": (855, 5),
     "forest_addon/base": (384, 12),
-    "forest_addon/blender": (5028, 38),
+    "forest_addon/blender": (5030, 38),
     "forest_addon/drawing": (593, 6),
     "forest_addon/flight": (1792, 12),
     "forest_addon/formats": (3667, 29),

@@ -231,7 +231,7 @@ static void send(const struct cast_scene *scene, struct ray_hit *sent, const int
         context.best[k] = INFINITY;
         sent[k].id = (uint32_t)k;
     }
-    together = many >= FEW && widest > NARROW;
+    together = scene->intersect8 != NULL && many >= FEW && widest > NARROW;
     if (together) {
         for (int k = 0; k < LANES; k++)
             for (int n = 0; n < FIELDS; n++)

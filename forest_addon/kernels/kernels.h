@@ -54,7 +54,7 @@ typedef void (*intersect8)(const int *valid, void *tree, void *rays, void *argum
 struct cast_scene {
     void *tree;               /* Embree's scene of the instances, by number, about the centre */
     intersect1 intersect;     /* of the library that made it, */
-    intersect8 intersect8;    /* and this */
+    intersect8 intersect8;    /* and this; NULL where it has no packets */
     double low[3], high[3];   /* a box around all, larger by slack */
     double centre[3];
     double slack;             /* metres by which float32 may be wrong */

@@ -8,6 +8,7 @@ pytest.importorskip("bpy")
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import OTHER, TriMesh
+from forest_addon.blender.rays import embree
 from forest_addon.blender.rays.embree import EmbreeCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
@@ -127,3 +128,14 @@ def test_fans_whose_rays_lie_in_a_plane_are_met_as_rays_alone(seed):
     caster = EmbreeCaster(scene)
     alone = caster.cast(origins[order], ways[order]).distance
     np.testing.assert_array_equal(caster.cast(origins, ways).distance[order], alone)
+
+
+def test_an_embree_without_packets_casts_rays_one_by_one(monkeypatch):
+    rng = stream(0, "alone")
+    scene = scene_of(rng)
+    origins, ways = (rays.reshape(-1, 3) for rays in beams(rng, scene, 500, 8)[:2])
+    together = EmbreeCaster(scene).cast(origins, ways).distance
+    monkeypatch.setattr(embree, "PACKETS", (1, 999))  # of which the second is no property
+    without = EmbreeCaster(scene)
+    assert not without._described.intersect8
+    np.testing.assert_array_equal(without.cast(origins, ways).distance, together)

@@ -38,6 +38,7 @@ UINT, UINT3, FLOAT3, FLOAT3X4_ROWS = 0x5001, 0x5003, 0x9003, 0x9134  # RTCFormat
 # RTCSceneFlags: no ray slips through an edge; packets have a filter
 ROBUST, FILTERED = 1 << 2, 1 << 3
 VERSION_PROPERTY = 0  # RTCDeviceProperty
+PACKETS = 33, 66  # the same: packets of eight go natively, and ask a filter
 
 _P, _U, _I, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_size_t
 SIGNATURES = {
@@ -143,16 +144,20 @@ class EmbreeSearch(Search):
         self._slack = 1e-6 * float((high - low).max()) + 1e-6 if there else 1e-6
         self._low, self._high = low - self._slack, high + self._slack
 
-    def _describe(self, places: np.ndarray, piece: np.ndarray | None = None) -> None:
+    def _describe(
+        self, places: np.ndarray, piece: np.ndarray | None = None, packets: bool = False
+    ) -> None:
         """Describe the scene to the kernel. places : (I, 3, 4) of instances; of an array of Embree's
-        (K, P, 3, 4) at knots. piece : (P,) the instances of that."""
+        (K, P, 3, 4) at knots. piece : (P,) the instances of that. packets : rays may go as such."""
         point, places = ctypes.c_double * 3, np.ascontiguousarray(places)
         triangle, vertex, single, _ = self.scene.arrays
         self._arrays = places, piece  # which the kernel reads where they are
         self._described = CastScene(
             tree=self._top,
             intersect=ctypes.cast(self._library.rtcIntersect1, ctypes.c_void_p),
-            intersect8=ctypes.cast(self._library.rtcIntersect8, ctypes.c_void_p),
+            intersect8=ctypes.cast(
+                self._library.rtcIntersect8 if packets else None, ctypes.c_void_p
+            ),
             low=point(*self._low),
             high=point(*self._high),
             centre=point(*self._centre),
@@ -291,7 +296,8 @@ class EmbreeCaster(EmbreeSearch):
             [self._of_mesh[m][0] for m in scene.mesh_index[known]],
             place[known, None].astype(np.float32),
         )
-        self._describe(scene.transform)
+        able = self._library.rtcGetDeviceProperty
+        self._describe(scene.transform, packets=all(able(self._device, p) for p in PACKETS))
 
 
 def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
