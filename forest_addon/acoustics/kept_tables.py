@@ -72,7 +72,7 @@ def _read(path: Path) -> np.ndarray | None:
 def _write(path: Path, table: np.ndarray) -> None:
     held = io.BytesIO()
     np.save(held, table, allow_pickle=False)
-    content = held.getbuffer()
+    content = held.getvalue()
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         number, partial = tempfile.mkstemp(prefix=f".{path.stem}.", dir=path.parent)
