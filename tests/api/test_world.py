@@ -6,6 +6,7 @@ import doctest
 import inspect
 import io
 import pickle
+import runpy
 import sys
 import typing
 from collections.abc import Iterator
@@ -448,8 +449,13 @@ def test_short_words_for_what_one_looks_at(world):
     assert len(repr(cloud)) < 100
     assert f"{len(cloud):,}" in repr(cloud)
     assert repr(FEW) == "Terrestrial(position=(-2.0, 3.0, 1.5), angle_step_deg=5.0)"
-    assert eval(repr(SCENE), vars(forest)) == SCENE
     assert "tolerance='auto'" in repr(forest.Sonar(tolerance="auto"))
+
+
+def test_a_scene_that_is_printed_can_be_pasted_into_a_script(tmp_path):
+    script = tmp_path / "pasted.py"
+    script.write_text(f"from forest_addon.api import *\n\nscene = {SCENE!r}\n", encoding="utf-8")
+    assert runpy.run_path(str(script))["scene"] == SCENE
 
 
 def named_types(obj):
@@ -534,7 +540,7 @@ def test_a_closed_file():
 
 
 def test_still_holds_the_scene_as_it_is():
-    """What is added to Blender's scene within the block is seen after it and not before."""
+    """Objects added to Blender's scene within the block are seen after it and not before."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bare = forest.current()
     down = forest.Terrestrial(position=(0, 0, 3), elevation_deg=(-90, -80), angle_step_deg=5)

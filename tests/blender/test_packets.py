@@ -108,7 +108,7 @@ def test_what_a_ray_meets_does_not_depend_on_those_beside_it(seed):
             off = values != getattr(found, name)[order]
             other |= (off & (values == values)).reshape(len(order), -1).any(axis=1)
         assert not other[~aimed[order]].any()
-        assert other.mean() < 1e-3  # within a µm of an outline: one of 78 million
+        assert other.mean() < 1e-3  # within a µm of an outline
     inner = within > 10 * caster._slack
     assert (found.distance.reshape(500, rays)[inner, 0] <= before[inner] + 4 * caster._slack).all()
 

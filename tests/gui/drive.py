@@ -277,7 +277,7 @@ def seek(command: str, *columns: float) -> Generator[float, None, tuple[int, int
 
 
 def places_down(columns: Iterable[float]) -> list[tuple[int, int]]:
-    """Where to look down the sidebar, at shares of its width."""
+    """Return places along the sidebar to look at, at shares of its width."""
     side = view()[3]
     rows = range(side.y + side.height - 8, side.y, -ROW)
     return [(side.x + int(column * side.width), y) for column in columns for y in rows]

@@ -166,7 +166,7 @@ MAPS = [  # a table of trees, further words of ``estimate``
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """What commands find beside them: sound and broken files."""
+    """Write the files that commands find beside them, sound and broken."""
     folder = tmp_path_factory.mktemp("refused")
     (folder / "empty").mkdir()
     (folder / "small.toml").write_text(SMALL)

@@ -4,13 +4,11 @@ import errno
 import json
 import os
 import re
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,6 +18,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from references.dataset_runs import PLAN
+from references.disks import files_up_to
 from references.model_tree import tree
 
 from forest_addon.api import World
@@ -334,17 +333,6 @@ def ended(process):
     _, said = process.communicate(timeout=900)
     assert "Traceback" not in said
     return process.returncode, said
-
-
-@contextmanager
-def files_up_to(size):
-    """The system refuses files that are larger with EFBIG, without mounting a small disk."""
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
 
 
 def no_half_written_files(out):

@@ -34,7 +34,7 @@ def clouds():
 
 
 def counts():
-    """How many of everything there is."""
+    """Return numbers of blocks of each kind."""
     kinds = ("objects", "meshes", "materials", "collections", "node_groups", "images")
     kinds += ("speakers", "sounds", "curves")
     return {kind: len(getattr(bpy.data, kind)) for kind in kinds}

@@ -5,9 +5,7 @@ one sentence why not, and one that does not leaves Blender's data as it was. A s
 changes a file with a small forest, four sensors and their results.
 """
 
-import resource
 import shutil
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +15,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.disks import files_up_to
 from references.scenes import add_collection
 from ui import pressing, test_panels
 from ui.pressing import ROOT, add_cube
@@ -110,7 +109,7 @@ def unclear(words):
 
 
 def counts():
-    """How many of everything there is, also in the panel's lists."""
+    """Return numbers of blocks of each kind and of entries in the panel's lists."""
     lists = bpy.context.scene.forest_sensing
     found = {name: len(getattr(lists, name)) for name in ("plantings", "stems", "edited")}
     return pressing.counts() | found
@@ -545,24 +544,13 @@ def points_of(name):
     return len(cloud.data.vertices)
 
 
-@contextmanager
-def full_disk(size):
-    """No file grows beyond ``size`` bytes: what a full disk does, whoever writes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 @pytest.mark.medium
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of zipfile
 def test_a_full_disk_leaves_no_half_files(again):
     folder = again()
     bpy.context.scene.forest_sensing.output = str(folder / "out")
     press("edit_species")
-    with full_disk(64):
+    with files_up_to(64):
         for sensor in ("scan", "cloud", "echo"):
             assert press("run", sensor=sensor) == (True, "")  # its results are in the panel
         for name in ("save_scene", "save_species"):

@@ -1,4 +1,4 @@
-"""What cannot be done is said in words, and nothing is another than before."""
+"""Refusals of the panel: each in words, after which nothing is changed."""
 
 from types import SimpleNamespace
 
@@ -145,7 +145,7 @@ REFUSED = [
 
 
 def state(props):
-    """How many blocks there are, where trees stand, what is set and was found, and the mode."""
+    """Return numbers of blocks, places of trees, settings, results and the mode."""
     places = {tree.name: tree.matrix_world.copy() for tree in trees()}
     found = {result.name: facts(props, result.name) for result in props.results}
     settings = [said(group) for group in (props, props.forest, props.wind, *props.plantings)]

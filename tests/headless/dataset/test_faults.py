@@ -3,7 +3,6 @@
 import contextlib
 import csv
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import time
 
 import pytest
 from references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, command, here, run
+from references.disks import files_up_to
 
 from forest_addon.base.rng import stream
 from headless.dataset import engine
@@ -144,14 +144,9 @@ def test_a_scene_that_needs_too_much_memory_is_set_aside(tmp_path, warm):
 
 
 def test_a_full_disk_ends_the_command_and_keeps_what_is_done(tmp_path):
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, usual[1]))  # of its worker's process, too
-    try:
-        ended = here(
-            PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", "--set", "count=1"
-        )
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    words = ("--workers", "1", "--quiet", "--set", "count=1")
+    with files_up_to(20_000):
+        ended = here(PLAN, "--out", tmp_path / "data", *words)
     assert ended.returncode == 1
     assert "what is finished is kept" in ended.stderr
     assert "Traceback" not in ended.stderr
