@@ -173,11 +173,12 @@ def run_scene(
         stages.warn(
             f"air.humidity is {settings.air.humidity:g} %, drier than air is; it is in per cent"
         )
-    _describe_stand(run, forest, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]
         looks = bool(wanted.blend or wanted.glb or wanted.usd or wanted.preview)
         world = site.build(forest, as_assets=wanted.blend, looks=looks, seconds=grown_in)
+    _make_ready(run, world)
+    _describe_stand(run, forest, site.inputs)
     with stages.stage("write truth"):
         _write_truth(run, forest)
     _sense(run, world, sound, resume)
@@ -264,6 +265,7 @@ def run_blend(
             species = planted_names(scene, labels(settings.plantings))
             run = Run(settings, out, stages, None, None, species)
             world = World(settings, home, None, scene)
+            _make_ready(run, world)
             _sense(run, world, sound, resume, wind.result)
         finally:
             with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
@@ -283,6 +285,23 @@ def claim_files(settings: Scene, out: Path, dry: str = "") -> None:
     claim(*(path for path in names if not path.is_dir()))
 
 
+def _make_ready(run: Run, world: World) -> None:
+    """Read the scene, and refuse sensors that it cannot serve before anything is written.
+
+    Raises
+    ------
+    SpecError : there is nothing to sense; a sensor's file cannot be used; it needs more memory than there is.
+    """
+    with run.stages.stage("read evaluated scene"):
+        if run.forest is None and not len(world.observer.geometry):
+            raise SpecError(
+                run.settings.blend, "has nothing to scan: no visible object of its scene has faces"
+            )
+        _ = world.observer.caster  # made now: it belongs to no sensor's time
+    for sensor in run.settings.sensors:
+        _say_cost(run, world, sensor)
+
+
 def _sense(run: Run, world: World, sound: Dry | None, resume: bool, sway: Any = None) -> None:
     """Run the sensors of a world, and write what is known by then.
 
@@ -290,17 +309,10 @@ def _sense(run: Run, world: World, sound: Dry | None, resume: bool, sway: Any = 
 
     Raises
     ------
-    SpecError : there is nothing to sense; a sensor needs more memory than there is.
     DoubtfulError : as ``run_scene``.
     """
     settings, stages, out = run.settings, run.stages, run.out
     wanted = settings.output
-    with stages.stage("read evaluated scene"):
-        if run.forest is None and not len(world.observer.geometry):
-            raise SpecError(
-                settings.blend, "has nothing to scan: no visible object of its scene has faces"
-            )
-        _ = world.observer.caster  # made now: it belongs to no sensor's time
     with world.still() as observer:
         if sway is not None:
             observer.blow(sway, seconds_of(bpy.context.scene))
@@ -318,8 +330,6 @@ def _sense(run: Run, world: World, sound: Dry | None, resume: bool, sway: Any = 
                 stand, audits=tuple(run.trees.values()), notes=notes
             )
         unfinished = Unfinished(out, world, resume)
-        for sensor in settings.sensors:
-            _say_cost(run, world, sensor)
         for sensor in settings.sensors:
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 result = unfinished.result(sensor)
@@ -349,18 +359,20 @@ def _sense(run: Run, world: World, sound: Dry | None, resume: bool, sway: Any = 
 
 
 def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
-    """Say what a sensor's run will cost; what it cannot follow is said when it runs.
+    """Say what a sensor's run will cost.
 
     Raises
     ------
-    SpecError : it needs more memory than there is, by far.
+    SpecError : it cannot run, or needs more memory than there is, by far.
     """
     observer = world.observer
     try:
-        way = observer.way(sensor, world.folder)
+        way = observer.check(sensor, run.settings, world.folder)
         cost = cost_of(sensor, way, observer.caster.engine, run.settings, len(observer.stems))
-    except ValueError:
-        return
+    except SpecError:
+        raise
+    except ValueError as problem:
+        raise SpecError(sensor.name, str(problem)) from None
     if run.stages.verbose or cost.seconds > LONG:
         run.stages.say(f"  {sensor.name}: {cost}")
     free = free_memory()

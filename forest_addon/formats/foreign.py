@@ -63,7 +63,7 @@ def guarded(
     """
 
     # what is not installed is no fault of a file
-    known: tuple[type[Exception], ...] = (SpecError, ModuleNotFoundError, *meant)
+    known: tuple[type[Exception], ...] = (ModuleNotFoundError, *meant)
 
     def around(
         read: Callable[Concatenate[Path, P], Found],
@@ -77,6 +77,10 @@ def guarded(
                 return read(Path(path), *more, **named)
             except known:
                 raise
+            except SpecError as problem:
+                if problem.key != "crs":
+                    raise
+                raise SpecError(place, f"crs: {problem.problem}") from None
             except Exception as problem:
                 said = _sentence(problem, what)
                 refused = SpecError(key, f"{place} {said}") if key else SpecError(place, said)

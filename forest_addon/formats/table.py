@@ -33,6 +33,7 @@ ROWS_AT_ONCE = 200_000
 Columns = Mapping[str, Sequence[Any]]
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254, "dm": 0.1}
 LENGTHS |= {"meters": 1.0, "metres": 1.0, "feet": 0.3048, "inches": 0.0254}
+LENGTHS |= {"inch": 0.0254, "foot": 0.3048, "usft": 1200 / 3937}
 LENGTHS |= {"м": 1.0, "см": 0.01, "мм": 0.001}
 ANGLES = {"deg": math.pi / 180, "rad": 1.0, "gon": math.pi / 200, "degrees": math.pi / 180}
 AREAS = {"m2": 1.0, "sqm": 1.0, "ft2": 0.3048**2}
@@ -53,8 +54,8 @@ TITLES = 10  # rows above a header
 # By the mark in them: numbers with decimals, and those that are thousands where decimals have the other mark.
 DECIMAL = {mark: re.compile(rf"-?\d+[{mark}]\d+") for mark in ".,"}
 ROUNDED = re.compile(r"-?\d[.,](\d+)e\+0*(\d+)", re.IGNORECASE)  # 4.57E+05, as Excel saves it
-THOUSANDS = {mark: re.compile(rf"-?\d{{1,3}}[{mark}]\d{{3}}") for mark in ".,"}
-
+THOUSANDS = {mark: re.compile(rf"-?[1-9]\d{{0,2}}[{mark}]\d{{3}}") for mark in ".,"}
+HUNDREDS = re.compile(r"-?[1-9]\d{2}")
 
 FORMULA = ("=", "+", "@")  # a cell that begins so is a formula to a spreadsheet
 
@@ -314,14 +315,7 @@ def read_text(path: Path, is_head: Callable[[Sequence[str]], bool]) -> Sheet:
             rows.append((line, cells))
         line = reader.line_num + 1
     sheet = sheet_of(path, rows, is_head, separator == " " or text.splitlines()[-1:][0][:1] == '"')
-    sure = {
-        mark
-        for mark in ".,"
-        for _, cells in sheet.rows
-        for cell in map(str.strip, cells)
-        if DECIMAL[mark].fullmatch(cell) and not THOUSANDS[mark].fullmatch(cell)
-    }
-    sheet.thousands = "," * ("." in sure or separator == ",") + "." * ("," in sure)
+    sheet.thousands += "," * (separator == ",")
     sheet.said += said
     return sheet
 
@@ -371,4 +365,24 @@ def sheet_of(
                 f"row {line} has {len(cells)} values, its header {len(head)}; name every column, and put "
                 "semicolons between columns whose numbers have decimal commas",
             )
-    return Sheet(path, head, rows, said=said)
+    return Sheet(path, head, rows, thousands=_unsure(rows), said=said)
+
+
+def _unsure(rows: Sequence[tuple[int, list[str]]]) -> str:
+    """Marks that may be of thousands: the other one is of decimals, or there are hundreds in their column."""
+    columns = [
+        [*map(str.strip, cells)] for cells in zip(*(cells for _, cells in rows), strict=False)
+    ]
+    every = [*chain.from_iterable(columns)]
+    sure = {
+        mark
+        for mark in ".,"
+        if any(DECIMAL[mark].fullmatch(c) and not THOUSANDS[mark].fullmatch(c) for c in every)
+    }
+    mixed = {
+        mark
+        for mark in {*".,"} - sure
+        for cells in columns
+        if any(map(THOUSANDS[mark].fullmatch, cells)) and any(map(HUNDREDS.fullmatch, cells))
+    }
+    return "".join(mark for mark in ",." if mark in mixed or {*".,"} - {mark} <= sure)

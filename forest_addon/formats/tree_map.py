@@ -57,20 +57,22 @@ PLACES = (  # names of x and y, the first pair that a table has
 )
 COLUMNS = {
     "species": "species kind planting sp spp spcode speciescode scientificname taxonid treespecies "
-    "commonname baumart artname art spcd espar essence espece especie specie tradslag puulaji "
+    "symbol speciessymbol commonname baumart artname art spcd "
+    "espar essence espece especie specie tradslag puulaji "
     "boomsoort gatunek drevina порода 树种 樹種",
     "ring": "ring part",
     "status": "status treestatus plantstatus dfstatus statuscd zustand etat dead tot mort "
     "alive live lebend vivant estado stato situacao tillstand stan muerto morto vivo dod dood",
     "zone": "utmzone zoneutm",
-    "plot": "plot plotid subplot subp",
+    "plot": "plot plotid",
+    "subplot": "subplot subp",
     "census": "census year invyr measyear jahr annee aufnahmejahr",
     "scale": "scale",
     "rotation": "rotation turn",
     "dbh": "dbh bhd d13 d130 dhp dap stemdiameter dia diam diameter durchmesser diametre "
     "brusthohendurchmesser brusthoehendurchmesser diameterbreastheight diametro "
     "brosthojdsdiameter lapimitta piersnica vycetnitloustka диаметр 胸径 胸高直径",
-    "girth": "gbh cbh girth circumference c13 c130 umfang circonference "
+    "girth": "gbh cbh girth circumference circ c13 c130 umfang circonference "
     "circunferencia cap circonferenza omtrek omkrets obwod obvod",
     "height": "height h ht hoehe hohe baumhohe baumhoehe hauteur htot treeheight totalheight actualht "
     "altura altezza hojd pituus hoogte wysokosc vyska højde высота 树高 樹高",
@@ -81,7 +83,7 @@ COLUMNS = {
     "crown_base": "crownbase crownbaseheight basecrownheight heightcrownbase hcb kronenansatz "
     "kronenansatzhohe",
     "leaf_area": "leafarea blattflache",
-    "distance": "distance dist stemdistance horizontaldistance hdist entfernung distanz dpr "
+    "distance": "horizontaldistance hdist distance dist stemdistance entfernung distanz dpr "
     "distancia distanza afstand avstand odleglosc",
     "azimuth": "azimuth azimut stemazimuth azi az bearing azpr acimut azymut",
 }
@@ -95,8 +97,10 @@ UNITS = {  # of columns that are no lengths, the first without a word
 USUAL = {"dia": "in", "stemdiameter": "cm", "azpr": "gon"}  # of FIA, NEON and the French inventory
 FIA = {"ht": "ft", "actualht": "ft", "dist": "ft"}  # beside a column of FIA's own
 FIA_OWN = {"spcd", "statuscd"}
-TEXTS = ("species", "ring", "status", "plot", "census", "zone")
+GROUPS = ("plot", "subplot", "census")  # of trees that may not stand together
+TEXTS = ("species", "ring", "status", "zone", *GROUPS)
 NUMBERS = ("scale", "rotation", "dbh", "height", "crown_width", "crown_base", "leaf_area")
+SAID = ("species", *NUMBERS)  # that a longer name may mean
 NOTHING = (-999.0, -9999.0, -99999.0)  # the same in numbers
 GONE = (  # without accents; with letters of ForestGEO and numbers of FIA
     "dead|standing dead|dead standing|dead fallen|snag|downed|removed|missing|lost|stump|cut|felled|"
@@ -121,6 +125,7 @@ LIVING = (
 MOST = 500_000_000  # bytes of a table
 LIKE = 0.8  # of a column's name, beyond which it is a slip of the keyboard
 STEMS = 50  # rows at one place that may be one tree
+REACH = 200.0  # m from the middle of a plot, that half its trees are within
 FEW = 4  # azimuths that do not lie in the first 6 degrees by chance
 FAR = 1e5  # m from the origin of a map
 CROWDED = 0.02  # m² a tree, below which numbers that may be degrees are degrees
@@ -166,8 +171,8 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     found["crown_width"] = np.fmax(found["crown_width"], 2 * found["crown_radius"])
     found["crown_width"] = np.fmax(found["crown_width"], 2 * np.sqrt(found["crown_area"] / np.pi))
     line = np.array([line for line, _ in sheet.rows], dtype=np.int64)
-    groups = [*zip(sheet.texts("plot"), sheet.texts("census"), strict=True)]
-    species = np.array(sheet.texts("species"), dtype=np.str_)
+    groups = [*zip(*map(sheet.texts, GROUPS), strict=True)]
+    species = np.array([name.removesuffix(".0") for name in sheet.texts("species")], dtype=np.str_)
     numbers = np.column_stack([found[key] for key in NUMBERS]).reshape(-1, len(NUMBERS))
     here = np.isfinite(position).all(axis=1)
     told = [text.partition(",")[0].removesuffix(".0") for text in sheet.texts("status")]
@@ -182,7 +187,11 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     alive = ~np.isin(told, words.get(sheet.name("status"), GONE.split("|")))
     if len({*sheet.texts("zone")} - {""}) > 1:
         raise SpecError(str(path), "has trees of several UTM zones; give each zone its own table")
-    for key in ("plot", "census"):
+    if np.nanmax(np.abs(found["rotation"]), initial=0.0) > 2 * np.pi + 1e-9:
+        raise SpecError(
+            str(path), "has rotations of more than a turn; call the column rotation_deg or _gon"
+        )
+    for key in GROUPS:
         if (many := len({*sheet.texts(key)})) > 1:
             name = sheet.head[sheet.columns[key][0]].strip()
             sheet.said.append(f"{path.name}: rows of {many} values of {name} are taken together")
@@ -285,7 +294,7 @@ def column_of(
 
 def _words(sheet: Sheet) -> str:
     """Say which columns were taken for what, and which were not used."""
-    aside = ("ring", "plot", "census", "zone")
+    aside = ("ring", "zone", *GROUPS)
     columns = {key: one for key, one in sheet.columns.items() if key not in aside}
     taken = [
         f"{key} = {sheet.head[at].strip()}"
@@ -297,7 +306,7 @@ def _words(sheet: Sheet) -> str:
     missing = {word: key for key in {*COLUMNS} - {*sheet.columns} for word in COLUMNS[key].split()}
     for name in left:
         whole = "".join(words_of(name))
-        begun = [w for w in missing if w[2:] and whole.startswith(w) and missing[w] in NUMBERS]
+        begun = [w for w in missing if w[2:] and whole.startswith(w) and missing[w] in SAID]
         near = get_close_matches(whole, [w for w in missing if w[3:]], 1, LIKE) or begun[:1]
         meant = f"{sheet.path.name}: column {name} is not used; did you mean {{}}?"
         sheet.said += [meant.format(missing[word]) for word in near]
@@ -319,7 +328,7 @@ def _position(sheet: Sheet) -> np.ndarray:
     if "x" in sheet.columns:  # of each tree, unless many have the same: a plot's
         if len(np.unique(place, axis=0)) > 0.5 * len(place):
             return place
-    elif len({*sheet.texts("plot")}) > 1:
+    elif len({*zip(*map(sheet.texts, ("plot", "subplot")), strict=True)}) > 1:
         raise SpecError(
             str(sheet.path), "has trees of several plots; give columns x and y of their centres"
         )
@@ -327,6 +336,12 @@ def _position(sheet: Sheet) -> np.ndarray:
         place = np.zeros_like(place)
     if np.nanmin(distance, initial=0.0) < 0:
         raise SpecError(str(sheet.path), "has distances below 0; give each as a length from 0 on")
+    if np.isfinite(distance).any() and np.nanmedian(distance) > REACH:
+        raise SpecError(
+            str(sheet.path),
+            f"has distances of {np.nanmedian(distance):,.4g} m in the median, which no plot is wide; say the "
+            "unit in the header, as distance_cm",
+        )
     if np.nanmax(azimuth, initial=0.0) > 2 * np.pi + 1e-9:
         raise SpecError(
             str(sheet.path), "has azimuths above 360 degrees; call the column azimuth_gon"
@@ -336,8 +351,8 @@ def _position(sheet: Sheet) -> np.ndarray:
             str(sheet.path), "has no azimuth above 6.3; call the column azimuth_rad or azimuth_gon"
         )
     sheet.said.append(
-        f"x and y follow from distance and azimuth in {unit or 'deg'}, clockwise from the map's north (not "
-        "the magnetic one)"
+        f"x and y follow from distance, taken as horizontal, and azimuth in {unit or 'deg'}, clockwise from "
+        "the map's north (not the magnetic one)"
     )
     return place + distance[:, None] * np.column_stack([np.sin(azimuth), np.cos(azimuth)])
 
@@ -377,12 +392,12 @@ def _projected(sheet: Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, s
 def _with_stems(
     path: Path,
     trees: TreeMap,
-    groups: Sequence[tuple[str, str]],
+    groups: Sequence[tuple[str, ...]],
     rows: Sequence[tuple[int, list[str]]],
 ) -> TreeMap:
     """The trees with rows at one place joined: basal areas add up, of all else the largest counts.
 
-    groups : (N,) plot and census of each row. rows : (N,) their lines and cells.
+    groups : (N,) plot, subplot and census of each row. rows : (N,) their lines and cells.
 
     Raises
     ------

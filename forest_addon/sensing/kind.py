@@ -121,6 +121,7 @@ class SensorKind:
     settings : their class. run : what it finds in a scene, told of progress.
     audit : parts of what it found, which a sample is computed again of by the exact way.
     trajectory : where it goes, by its settings, a folder and Blender's scene; None: it stays.
+    check : reads whatever else it names, and raises where that cannot be used.
     positions : (P, 3) m where it should not stand inside of a tree.
     empty : that a finding holds nothing, and why, in a sentence; "" of one that holds something.
     lasts : seconds of a scene that moves, which a run along a trajectory looks at; 0: it stands still.
@@ -146,6 +147,7 @@ class SensorKind:
     run: Callable[[Observation, Progress | None], Any]
     audit: Callable[[Observation, Any], Sequence[AuditPart]] | None = None
     trajectory: Callable[[Any, Path, Follower], Trajectory | None] = _stays
+    check: Callable[[Observation], Any] = lambda _: None
     positions: Callable[[Observation], np.ndarray] = lambda job: np.array([job.sensor.position])
     empty: Callable[[Observation, Any], str] = lambda *_: ""
     lasts: Callable[[Any, Any], float] = _a_moment

@@ -88,7 +88,8 @@ def nearest(name: str, known: Iterable[str]) -> list[str]:
 
 def stands_for(name: str, known: Sequence[str]) -> str:
     """The known name that a word or a code stands for; itself where it is known, or stands for none."""
-    same = SAME.get(name.strip().lower().replace(" ", "-"), ())
+    words = name.lower().split()
+    same = SAME.get("-".join(words), ()) or SAME.get("-".join(words[:2]), ())  # without its author
     return next((word for word in (name, *same) if word in known), name)
 
 

@@ -32,6 +32,7 @@ from ..formats.stl import read_stl
 from ..formats.table import LENGTHS
 from ..formats.tree_map import NUMBERS, TreeMap, read_tree_map
 from ..growth.library import read_allometry
+from ..growth.measured.allometry import BREAST
 from ..spec.base import SpecError, stands_for
 from ..spec.forest import METRES
 from .compose import Inputs, TreeList, on_field
@@ -51,6 +52,7 @@ USUAL["crown_base"] = USUAL["height"]
 # in the median.
 THIN, SLENDER = 0.1, 140.0
 TALL, SLENDEREST = 5.0, 300.0
+MOST_SCALE = 20.0
 
 
 class ElsewhereError(SpecError):
@@ -135,6 +137,18 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
             str(path),
             f"row {trees.line[row]}: the crown begins above the top of the tree; correct crown_base or "
             "height",
+        )
+    for row in np.flatnonzero(trees.numbers[:, 0] > MOST_SCALE):
+        raise SpecError(
+            str(path),
+            f"row {trees.line[row]}: scale is {trees.numbers[row, 0]:g} times; call the column scale_% if it "
+            "is per cent",
+        )
+    for row in np.flatnonzero(trees.numbers[:, 3] <= np.where(trees.numbers[:, 2] > 0, BREAST, 0)):
+        raise SpecError(
+            str(path),
+            f"row {trees.line[row]}: a tree of {trees.numbers[row, 3]:g} m has no DBH, as it ends below "
+            f"{BREAST:g} m; leave out stumps, or correct dbh or height",
         )
     dbh, height = trees.numbers[np.isfinite(trees.numbers[:, 2:4]).all(axis=1), 2:4].T
     for rows, most in ((dbh >= THIN, SLENDER), (height >= TALL, SLENDEREST)):

@@ -201,6 +201,12 @@ FOREIGN = {
     "Dutch": "x;y;diameter_cm;hoogte_m;status\n5,5;6;24;18,2880;levend\n7;8;31;—;levend\n2;2;31;;dood\n",
     "-999 and codes as decimals": "x,y,dbh_cm,h,statuscd\n5.5,6,24,18.288,1.0\n-999,-999,24,9,1.0\n"
     "7,8,31,-9999,1.0\n3,3,10,5,2.0\n",
+    "inches and survey feet": "x_usft,y_usft,dbh (inch),h (foot)\n18.04458333,19.685,9.448818898,60\n"
+    "22.96583333,26.24666667,12.2047244,\n",
+    "distances along the slope as well": (
+        "azimuth,distance,hdist,dbh,h\n42.51044708,9,8.139410298,0.24,18.288\n"
+        "41.18592517,11,10.63014581,0.31,\n"
+    ),
     "gons": "azimuth_gon,dist,dbh,h\n47.23383009,8.139410298,0.24,18.288\n45.76213908,10.63014581,0.31,\n",
 }
 
@@ -398,6 +404,14 @@ def test_points_of_maps_in_three_dimensions_or_without_a_place(tmp_path):
     assert "t.json: left out 1 row without x or y" in found.said
 
 
+def test_species_by_codes_with_decimals_and_by_names_with_their_authors(tmp_path):
+    (tmp_path / "t.csv").write_text(
+        "x,y,symbol\n1,2,202.0\n3,4,Picea abies (L.) Karst.\n5,6,FASY\n"
+    )
+    ours = ("european-beech", "norway-spruce", "douglas-fir")
+    assert read_tree_list(tmp_path / "t.csv", planted=ours).species == ours[::-1]
+
+
 def test_other_words_of_a_status_are_said_to_be_living(tmp_path):
     (tmp_path / "t.csv").write_text("x,y,status\n1,2,alive\n3,4,Rotten\n5,6,stump\n")
     found = read_tree_list(tmp_path / "t.csv")
@@ -430,7 +444,8 @@ def test_degrees_far_from_the_map_are_refused(tmp_path, place, said):
         ),
         (
             "distance,azimuth\n1,90\n",
-            "in deg, clockwise from the map's north (not the magnetic one)",
+            "distance, taken as horizontal, and azimuth in deg, clockwise from the map's north (not the "
+            "magnetic one)",
         ),
     ],
 )

@@ -62,6 +62,18 @@ SCENES = [
     (sensor("terrestrial", name="tls") + sensor("sonar", name="TLS"), 'as sensor "tls" does'),
     (sensor("reverb") + sensor("reverb", name="a-dry"), 'a-dry.wav, as sensor "a" does'),
     (sensor("sonar") + sensor("sonar", name="a-heard"), 'a-heard.npz, as sensor "a" does'),
+    *(  # forests have grown and nothing is written when these are met
+        (FIELD + sensor("sonar", name="b") + sensor(kind, more), said)
+        for kind, more, said in (
+            ("sonar", "call = 'file'\ncall_file = 'dry.wav'", "holds nothing above 4000 Hz"),
+            ("sonar", "hearing = 'file'\nhearing_file = 'gone.csv'", '"gone.csv" is not in'),
+            ("sonar", "route = 'map.csv'", "needs the columns x_m"),
+            ("mobile", "follow = 'Drone'", "Drone"),
+            ("reverb", "heard_as = 'binaural'\nhead_file = 'gone.sofa'", "gone.sofa"),
+            ("reverb", "source_objects = 'Horn'", 'no Speaker, Empty or Camera "Horn"'),
+            ("terrestrial", "angle_step_deg = 0.002", "GB of memory"),
+        )
+    ),
 ]
 SCAN = "--scanner riegl-vz-400i --at -1,0.5,1.6 --set angle_step_deg=1.0"
 WORDS = [

@@ -149,6 +149,15 @@ def _canopy_between(
     return canopy_of(seen.geometry, (source, receiver), area, trunks.tree)
 
 
+def _check(job: Observation) -> None:
+    from .directivity import directivity_of
+    from .hearing import hearing_of
+
+    _where_ends_are(job)
+    directivity_of(job.sensor, job.folder)
+    hearing_of(job.sensor, job.folder)
+
+
 def _where_ends_are(job: Observation) -> np.ndarray:
     from .ends import ends_of
 
@@ -247,6 +256,7 @@ REVERB = SensorKind(
     run=_respond,
     audit=_audit,
     empty=_bare,
+    check=_check,
     positions=_where_ends_are,
     cost=_cost,
     seconds_among=_seconds_among,

@@ -84,15 +84,20 @@ def _lasts(sonar: Sonar, trajectory: Any) -> float:
     return MOMENT + (0.0 if trajectory is None else float(np.max(trajectory.time)))
 
 
+def _equipment(job: Observation) -> Any:
+    from .equipment_files import equip
+
+    return equip(job.sensor, job.folder)
+
+
 def _listen(job: Observation, progress: Progress | None) -> Any:
     """One ping, or one from every pose of a route."""
-    from .equipment_files import equip
     from .ping import fly, ping
     from .station import posed, poses_of
 
     sonar, air, targets = job.sensor, job.settings.air, _targets(job)
     wood, everything = _casters(job)
-    given: dict[str, Any] = {"equipment": equip(sonar, job.folder), "everything": everything}
+    given: dict[str, Any] = {"equipment": _equipment(job), "everything": everything}
     given["seed"] = job.settings.seed
     if job.trajectory is None:
         pose = replace(posed(sonar), time=job.start)
@@ -102,7 +107,6 @@ def _listen(job: Observation, progress: Progress | None) -> Any:
 
 def _audit(job: Observation, found: Any) -> list[AuditPart]:
     from .audit import Pings, parts_of_echoes
-    from .equipment_files import equip
     from .station import posed, poses_of
 
     sonar, settings = job.sensor, job.settings
@@ -116,7 +120,7 @@ def _audit(job: Observation, found: Any) -> list[AuditPart]:
         sonar,
         settings.air,
         *_casters(job),
-        equip(sonar, job.folder),
+        _equipment(job),
         settings.seed,
     )
     return parts_of_echoes(pings, settings.accuracy.audit)
@@ -238,6 +242,7 @@ SONAR = SensorKind(
     lasts=_lasts,
     sways=True,
     trajectory=_trajectory,
+    check=_equipment,
     positions=_where_it_pings,
     cost=_cost,
     seconds_among=_seconds_among,
