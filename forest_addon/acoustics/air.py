@@ -32,7 +32,7 @@ def absorption(
 
     A pressure falls as exp(-absorption·distance); ``DB_PER_NEPER`` makes dB/m of it.
 
-    frequency : Hz, 0 gives 0.
+    frequency : Hz, 0 gives 0; complex: the analytic continuation.
     temperature_c : °C.
     humidity : relative humidity in %, from 0 (dry air, the formulas' limit) to 100.
     pressure_kpa : kPa.
@@ -41,7 +41,7 @@ def absorption(
     ------
     ValueError : humidity outside 0 to 100, pressure or absolute temperature not above 0.
     """
-    squared = np.square(np.asarray(frequency, dtype=np.float64))
+    squared = np.square(np.asarray(frequency) * 1.0)
     kelvin = np.asarray(temperature_c, dtype=np.float64) + 273.15
     warmth = kelvin / _REFERENCE_KELVIN
     pressure = np.asarray(pressure_kpa, dtype=np.float64) / _REFERENCE_KPA

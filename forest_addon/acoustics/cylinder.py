@@ -102,26 +102,12 @@ def surface_admittance(ka: np.ndarray, bark: float) -> np.ndarray:
 def partial_waves(ka: np.ndarray, orders: int, bark: float = 0.0) -> np.ndarray:
     """(orders + 1, K) complex sinγ_n·e^{iγ_n} of K sizes; 0 where it is below the smallest float.
 
-    ka : (K,) 0 or larger.
+    ka : (K,) 0 or larger; complex: the waves' analytic continuation.
     orders : the last order n, 1 or larger. bark : share that bark absorbs head on, below 1.
     """
     z = np.maximum(ka, RAYLEIGH)
-    if bark > 0:
-        return _absorbing_waves(ka, orders, bark)
-    slope_j = _twice_slope(_bessel_j(z, orders + 1))
-    waves = np.empty((orders + 1, len(z)), dtype=np.complex128)
+    twice = 2j * surface_admittance(z, bark) if bark > 0 else 0.0
     with np.errstate(over="ignore", invalid="ignore"):  # Y overflows where J' has vanished
-        slope_y = _twice_slope(_bessel_y(z, orders + 1))
-        share = slope_j / (slope_j**2 + slope_y**2)
-        waves.real, waves.imag = share * slope_y, share * slope_j
-    return _finite(waves, ka)
-
-
-def _absorbing_waves(ka: np.ndarray, orders: int, bark: float) -> np.ndarray:
-    """The same with bark: N/(M - iN), N and M the boundary's operator on J and Y."""
-    z = np.maximum(ka, RAYLEIGH)
-    twice = 2j * surface_admittance(z, bark)
-    with np.errstate(over="ignore", invalid="ignore"):
         j, y = _bessel_j(z, orders + 1), _bessel_y(z, orders + 1)
         on_j = _twice_slope(j) + twice * j[: orders + 1]
         on_y = _twice_slope(y) + twice * y[: orders + 1]
@@ -141,7 +127,7 @@ def _finite(waves: np.ndarray, ka: np.ndarray) -> np.ndarray:
 
 def _twice_slope(values: np.ndarray) -> np.ndarray:
     """(N, K) 2·C_n' = C_{n-1} - C_{n+1}, C_{-1} = -C_1, of a cylinder function's orders 0 to N."""
-    slope = np.empty((len(values) - 1, values.shape[1]))
+    slope = np.empty_like(values[1:])
     slope[0] = -2.0 * values[1]
     np.subtract(values[:-2], values[2:], out=slope[1:])
     return slope
@@ -149,10 +135,10 @@ def _twice_slope(values: np.ndarray) -> np.ndarray:
 
 def _bessel_j(z: np.ndarray, orders: int) -> np.ndarray:
     """(orders + 1, K) J_n(z), z > 0, by the downward recurrence (Miller's algorithm)."""
-    j = np.zeros((orders + 1, len(z)))
-    above, here = np.zeros(len(z)), np.full(len(z), 1e-300)
+    j = np.zeros((orders + 1, len(z)), z.dtype)
+    above, here = np.zeros_like(z), np.full_like(z, 1e-300)
     # Begun where J has vanished: its error at each order is as small against the largest J.
-    for n in range(max(orders, order_count(float(z.max()))) + 1, 0, -1):
+    for n in range(max(orders, order_count(float(z.real.max()))) + 1, 0, -1):
         above, here = here, 2.0 * n / z * here - above
         if n <= orders + 1:
             j[n - 1] = here
@@ -161,7 +147,10 @@ def _bessel_j(z: np.ndarray, orders: int) -> np.ndarray:
             above, here = above * scale, here * scale
             j[n - 1 :] *= scale
     # J is known up to a factor now. J0 or J1 gives it, whichever is the larger and so not near 0.
-    j0, j1 = special.j0(z), special.j1(z)
+    if np.iscomplexobj(z):
+        j0, j1 = special.jv([[0], [1]], z)
+    else:  # these are more accurate
+        j0, j1 = special.j0(z), special.j1(z)
     by_j1 = np.abs(j1) > np.abs(j0)
     j *= np.where(by_j1, j1, j0) / np.where(by_j1, j[1], j[0])
     return j
@@ -169,8 +158,8 @@ def _bessel_j(z: np.ndarray, orders: int) -> np.ndarray:
 
 def _bessel_y(z: np.ndarray, orders: int) -> np.ndarray:
     """(orders + 1, K) Y_n(z), z > 0, by the upward recurrence; not finite where it overflows."""
-    y = np.empty((orders + 1, len(z)))
-    y[0], y[1] = special.y0(z), special.y1(z)
+    y = np.empty((orders + 1, len(z)), z.dtype)
+    y[:2] = special.yv([[0], [1]], z) if np.iscomplexobj(z) else (special.y0(z), special.y1(z))
     for n in range(1, orders):
         y[n + 1] = 2.0 * n / z * y[n] - y[n - 1]
     return y

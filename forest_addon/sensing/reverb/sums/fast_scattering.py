@@ -223,13 +223,12 @@ class Expansions:
         bark = losses.bark if losses else 0.0
         key = radius, rate, air, tolerance, bark, gained
 
-        def made() -> list[LayerSum]:
-            return [
-                LayerSum(layer, None if gained else self._air(layer.rate, air, tolerance))
-                for layer in expand(radius, rate, air.speed(), tolerance, bark)
-            ]
+        def air_at(slower: float) -> AirFilter | None:
+            return None if gained else self._air(slower, air, tolerance)
 
-        return self._layers.once(key, made)
+        return self._layers.once(
+            key, lambda: expand(radius, rate, air.speed(), tolerance, bark, air_at)
+        )
 
 
 def _told(checks: list[Check], tolerance: float) -> dict[float, float]:

@@ -18,7 +18,7 @@ distance x = ct; within one, from x₀ - h to x₀ + h, the loss is a short seri
 
 so that a block is a few products and transforms, its error relative to what is left there of each
 frequency. A scattered sound of several arrivals from one trunk loses by the axis' path and not by each
-arrival's own; ``undone`` changes the filters of such sounds accordingly.
+arrival's own; filters of such sounds are made for it (``layer_sum``).
 """
 
 from __future__ import annotations
@@ -191,7 +191,6 @@ ORDERS = 64  # of the series, at most
 SEEN = 32  # every so many frequencies tell how many are needed
 FADE = 256  # samples over which a block gives way to the next: a cut would sound at all frequencies
 BLOCKS_AT_ONCE = 8
-ROUNDS = 1
 
 
 class AirFilter:
@@ -209,7 +208,7 @@ class AirFilter:
         self._block = self._size - 2 * self._tail
         self._hop = self._block - FADE
         frequency = np.arange(self._size // 2 + 1) * (rate / self._size)
-        self._loss = loss_per_metre(frequency, air)
+        self._loss = self.loss(frequency)
         half = 0.5 * self._block * self.step
         # e^{-bh} is left of the series: at the block's near end it was 1
         some = np.append(self._loss[::SEEN], self._loss[-1])
@@ -223,12 +222,15 @@ class AirFilter:
         fall = roll_off(0.45 + 0.05 * (np.arange(FADE) + 0.5) / FADE)
         window = np.concatenate([1.0 - fall, np.ones(self._block - 2 * FADE), fall])
         self._shapes = chebyshev.polynomials(place, terms) * window  # (Q, block)
-        self._lifts: dict[int, tuple[int, np.ndarray, np.ndarray, np.ndarray]] = {}
 
     @property
     def tail(self) -> int:
         """Samples for which it answers, to both sides."""
         return self._tail
+
+    def loss(self, frequency: np.ndarray) -> np.ndarray:
+        """(F,) nepers of amplitude per metre, also at complex frequencies."""
+        return loss_per_metre(frequency, self.air)
 
     def apply(self, samples: np.ndarray, first: int) -> np.ndarray:
         """(..., N) samples with the air's loss; samples[0] is heard ``first`` samples after the source.
@@ -259,44 +261,3 @@ class AirFilter:
                 here[:, :tail] += part[:, -tail:]
                 here[:, tail:] += part[:, :-tail]
         return total[:, tail + FADE : tail + FADE + rows.shape[1]].reshape(samples.shape)
-
-    def undone(self, filters: np.ndarray, lead: int) -> np.ndarray:
-        """Filters (R, T) that become the given ones when the air is applied from -lead on.
-
-        ∫ U(f)·e^{+b(f)ct}·e^{iωt} df is nearly so; it is refined by what is still missing.
-        """
-        changed = self._lifted(filters, lead)
-        for _ in range(ROUNDS):
-            changed += self._lifted(filters - self.apply(changed, -lead), lead)
-        return changed
-
-    def _lifted(self, filters: np.ndarray, lead: int) -> np.ndarray:
-        """(R, T) e^{+b(f)ct} times the filters, by the time of what comes out."""
-        count = filters.shape[1]
-        size, loss, gains, place = self._lift_of(count)
-        spectra = fft.rfft(filters, size)
-        hop = place.shape[1]
-        lifted = np.empty_like(filters)
-        for start in range(0, count, hop):
-            here = slice(start, min(start + hop, count))
-            middle = (start + 0.5 * hop - 0.5 - lead) * self.step
-            turned = spectra * np.exp(middle * loss)
-            lifted[:, here] = sum(
-                fft.irfft(turned * gain, size)[:, here] * shape[: here.stop - start]
-                for gain, shape in zip(gains, place, strict=True)
-            )
-        return lifted
-
-    def _lift_of(self, count: int) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-        """Transform, loss (F,), and the series' gains (Q, F) and shapes (Q, hop), for T samples."""
-        if count not in self._lifts:
-            size = fft.next_fast_len(count + 2 * self._tail, real=True)
-            loss = loss_per_metre(np.arange(size // 2 + 1) * (self.rate / size), self.air)
-            hop = min(self._hop, count)
-            half = 0.5 * hop * self.step
-            orders = np.arange(len(self._shapes))[:, None]
-            scaled = special.ive(orders, half * loss) * np.where(orders == 0, 1.0, 2.0)
-            terms = int(np.flatnonzero(scaled.max(axis=1) > 0.1 * self.tolerance)[-1]) + 1
-            place = chebyshev.polynomials((2.0 * np.arange(hop) + 1.0) / hop - 1.0, terms)
-            self._lifts[count] = size, loss, scaled[:terms] * np.exp(half * loss), place
-        return self._lifts[count]
