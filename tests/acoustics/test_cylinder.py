@@ -98,6 +98,17 @@ def test_high_orders_stay_finite(orders: int, ka: float) -> None:
         np.testing.assert_allclose(few, j * (y + 1j * j) / (j**2 + y**2), rtol=1e-6)
 
 
+@pytest.mark.parametrize("bark", [0.0, 0.3])
+def test_waves_of_a_complex_size(bark: float) -> None:
+    """By scipy's functions of complex arguments: the frequency of sound that grows with time."""
+    z = np.array([0.3, 4.0, 40.0]) * (1 - 0.02j)
+    order, found = np.arange(6)[:, None], partial_waves(z, 5, bark)
+    beta = surface_admittance(z, bark) if bark else 0.0
+    j = special.jvp(order, z) + 1j * beta * special.jv(order, z)
+    y = special.yvp(order, z) + 1j * beta * special.yv(order, z)
+    np.testing.assert_allclose(found, j / (y - 1j * j), rtol=1e-10)
+
+
 def test_sizes_of_all_magnitudes_in_one_call() -> None:
     ka = np.concatenate([[0.0, 5e-324, 1e-300, 1e-20], np.geomspace(1e-9, 600, 200)])
     values = scattering_sum(ka, PI)

@@ -214,9 +214,9 @@ def _stems(
     length = np.bincount(contour, np.hypot(step[:, 0], step[:, 1]))
     order = np.argsort(contour, kind="stable")
     first = np.searchsorted(contour[order], np.arange(len(length) + 1))
-    most = largest_radii(ends, normal, contour, len(length))
     stems = []
-    for one in np.flatnonzero((most >= min_radius) & (length > 0)):
+    # The hull of a line has at most twice its length for a perimeter.
+    for one in np.flatnonzero(length > (1.0 - ROUNDED) * math.pi * min_radius):
         rows = order[first[one] : first[one + 1]]
         centre, radius = equivalent_circle(ends[rows], normal[rows])
         if radius >= min_radius:
@@ -227,8 +227,7 @@ def _stems(
 # The least squares axis of a surface is trusted if the normals point along it by so much less (ratio of
 # mean squares) than across it: cones up to 19° from axis to side; not the top of a sphere.
 AXIS_TRUST = 0.25
-ROUNDED = 1e-6  # of a bound, beyond what rounding makes
-FLAT = 1e-9  # of the normals' mean squares, the second over the largest
+ROUNDED = 1e-6  # of a length, beyond what rounding makes
 
 
 def equivalent_circle(ends: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, float]:
@@ -249,46 +248,6 @@ def equivalent_circle(ends: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray,
     hull = convex_hull(section)
     perimeter = np.linalg.norm(np.roll(hull, -1, axis=0) - hull, axis=1).sum()
     return centre, float(perimeter / (2.0 * math.pi))
-
-
-def largest_radii(
-    ends: np.ndarray, normal: np.ndarray, contour: np.ndarray, count: int
-) -> np.ndarray:
-    """(C,) metres that the radius of no contour is above, for all of them at once.
-
-    ends, normal : as of ``equivalent_circle``. contour : (M,) which of C each segment is of.
-
-    Of two convex shapes the inner one has the smaller perimeter: the hull of a section lies within the
-    octagon about it.
-    """
-    step = ends[:, 1] - ends[:, 0]
-    weight = np.hypot(step[:, 0], step[:, 1])
-    scatter = np.empty((count, 3, 3))
-    for i in range(3):
-        for j in range(3):
-            scatter[:, i, j] = np.bincount(contour, weight * normal[:, i] * normal[:, j], count)
-    strength, direction = np.linalg.eigh(scatter)
-    # Where rounding may decide whether an axis is trusted, the outline is left as it is.
-    trusted = strength[:, 0] < (1.0 - ROUNDED) * AXIS_TRUST * strength[:, 1]
-    trusted &= strength[:, 1] > FLAT * strength[:, 2]  # of what is flat, any axis may be taken
-    lean = np.where(trusted[:, None], direction[:, :2, 0], 0.0)
-    shrunk = 1.0 + np.where(trusted, np.abs(direction[:, 2, 0]), 1.0)
-    along = np.einsum("mek,mk->me", ends, lean[contour]) / shrunk[contour, None]
-    section = ends - along[:, :, None] * lean[contour, None, :]
-    x, y = section[:, :, 0], section[:, :, 1]
-    wide, deep, up, down = (_extent(line, contour, count) for line in (x, y, x + y, x - y))
-    # Its four sides that lean are cut off the corners of the box about it: 2 of each become √2.
-    cut = 2.0 * (wide + deep) - up - down
-    perimeter = 2.0 * (wide + deep) - (2.0 - math.sqrt(2.0)) * np.maximum(cut, 0.0)
-    return perimeter * ((1.0 + ROUNDED) / (2.0 * math.pi))
-
-
-def _extent(line: np.ndarray, contour: np.ndarray, count: int) -> np.ndarray:
-    """(C,) from the least to the largest of values (M, 2) of each contour."""
-    least, most = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(least, contour, line.min(axis=1))
-    np.maximum.at(most, contour, line.max(axis=1))
-    return most - least
 
 
 def surface_axis(normal: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -403,9 +403,9 @@ class LayerSum:
         What e^{-b(f)ct} makes of sound at t is its spectrum at the frequency f - ibc/2π; H has lost nothing
         there if it is that of f at the frequency f + ibc/2π, to which b belongs. (Conjugates here.)
         """
-        frequency = self.frequency
-        for _ in range(ROUNDS if self.air else 0):
-            lost = self.air.loss(frequency) * (self.speed / (2.0 * math.pi))
+        frequency, air = self.frequency, self.air
+        for _ in range(ROUNDS if air else 0):
+            lost = air.loss(frequency) * (self.speed / (2.0 * math.pi))
             frequency = self.frequency - 1j * lost
         wavenumber = 2.0 * math.pi / self.speed * frequency
         waves = partial_waves(wavenumber * self.radius, order_count(thickness), self.bark)
