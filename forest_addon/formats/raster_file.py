@@ -49,6 +49,7 @@ TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WHITE_IS_ZERO, PALETTE = 0, 3  # of TIFF's photometric interpretation
 PIXEL_SCALE, TIE_POINT, MATRIX, METADATA, NO_DATA = 33550, 33922, 34264, 42112, 42113  # tags
 POINT = 2  # of a GeoTIFF's raster types
+ALPHA = {1, 2}  # of TIFF's extra samples
 RGB = 2  # of TIFF's photometric interpretation
 NOTHING = (-9999.0, -99999.0, -32768.0, -32767.0)  # no height or amount, said or not
 ENDLESS = 1e38  # beyond are the largest floats, which stand for nothing
@@ -296,9 +297,15 @@ def _in_degrees(path: Path, transform: np.ndarray) -> SpecError:
     """Sentence on what lies in degrees, at the last column of (2, 3)."""
     return SpecError(
         str(path),
-        f"lies in degrees; project it, as by gdalwarp -t_srs {metric_near(*transform[:, 2])} {path.name} "
-        "OUT.tif",
+        f"lies in degrees; project it, as by {warped_by(path.name, metric_near(*transform[:, 2]))}",
     )
+
+
+def warped_by(name: str, crs: str) -> str:
+    """The command that projects a file of this name to a system."""
+    if name.lower().endswith(CLOUDS):
+        return f"pdal translate {name} OUT.laz reprojection --filters.reprojection.out_srs={crs}"
+    return f"gdalwarp -t_srs {crs} {name} OUT.tif"
 
 
 def _refuse_degrees(path: Path, crs: str, transform: np.ndarray) -> None:
@@ -311,11 +318,12 @@ def _refuse_degrees(path: Path, crs: str, transform: np.ndarray) -> None:
 def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, Any]) -> GeoRaster:
     """The first band of stored numbers (H, W, C) with the meaning that GDAL's tags give them."""
     stored = pixels[..., 0]
-    values = stored.astype(np.float64)
+    values = np.asarray(stored, dtype=np.float64).copy()
     nothing = re.fullmatch(
         r"(?i)-?\d*\.?\d+(e[+-]?\d+)?", str(told[NO_DATA]).strip("\0 ").replace(",", ".")
     )
     hole = np.isclose(values, float(nothing[0]) if nothing else np.nan, rtol=1e-7, atol=0)
+    hole |= np.ma.getmaskarray(stored)
     values[hole | np.isin(values, NOTHING) | ~(np.abs(values) < ENDLESS)] = np.nan
     said = dict(
         re.findall(r'<Item name="(\w+)"(?![^>]*sample="[1-9])[^>]*>([^<]*)<', str(told[METADATA]))
@@ -548,7 +556,9 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
         pixels = page.asarray(maxworkers=1)
         pixels = np.moveaxis(pixels, 0, -1) if page.axes == "SYX" else pixels
         pixels = pixels.reshape(page.imagelength, page.imagewidth, -1)
-        if raw or pixels.dtype.kind == "f":
+        if raw:
+            return np.ma.array(pixels, mask=_hidden(file, page, pixels)), 1.0
+        if pixels.dtype.kind == "f":
             return pixels, 1.0
         if page.photometric == PALETTE:
             table = page.colormap >> 8  # some write 0xff00 for white
@@ -557,6 +567,18 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
         if page.photometric == WHITE_IS_ZERO and pixels.dtype.kind in "bu":
             pixels = (2**depth - 1) - pixels
         return pixels, 2.0**depth - 1 if depth <= 8 else DEEP
+
+
+def _hidden(file: Any, page: Any, pixels: np.ndarray) -> Any:
+    """(H, W, C) bool, which pixels its alpha or a mask beside a page of a TIFF hides."""
+    shown = [one for one in file.pages if one.is_mask and one.shape[:2] == page.shape[:2]]
+    if shown:
+        hidden = shown[0].asarray() == 0
+    elif set(page.extrasamples) & ALPHA:
+        hidden = pixels[..., -1] == 0
+    else:
+        return False
+    return np.broadcast_to(hidden[..., None], pixels.shape)
 
 
 def _read_by_pillow(path: Path) -> tuple[np.ndarray, float]:

@@ -27,7 +27,7 @@ from ..formats.crs import refuse_far, same_place, short, wkt_of
 from ..formats.foreign import guarded
 from ..formats.helios.parts import read_obj
 from ..formats.ply import read_surface
-from ..formats.raster_file import CLOUDS, HIGHEST, GeoRaster, linear_between, read_raster
+from ..formats.raster_file import HIGHEST, GeoRaster, linear_between, read_raster, warped_by
 from ..formats.stl import read_stl
 from ..formats.table import LENGTHS
 from ..formats.tree_map import NUMBERS, TreeMap, read_tree_map
@@ -272,13 +272,10 @@ def _read_placed(
     if raster.transform is None:
         return raster
     if not same_place(raster.crs, scene.crs, np.mean(raster.extent, axis=0)):
-        by = f"gdalwarp -t_srs {scene.crs} IN.tif OUT.tif"
-        if given.file.lower().endswith(CLOUDS):
-            to = f"--filters.reprojection.out_srs={scene.crs}"
-            by = f"pdal translate IN.laz OUT.laz reprojection {to}"
         raise SpecError(
             key,
-            f"{given.file} lies in {short(raster.crs)}, the scene in {scene.crs}; warp it there, as by {by}",
+            f"{given.file} lies in {short(raster.crs)}, the scene in {scene.crs}; warp it there, as by "
+            + warped_by(Path(given.file).name, scene.crs),
         )
     if scene.crs and not raster.crs:
         taken = f", taken to lie in {scene.crs}, as it names no system"

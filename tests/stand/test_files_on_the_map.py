@@ -271,12 +271,22 @@ def test_a_raster_that_tells_no_heights_is_refused(tmp_path, pixels, transform, 
         ("u2", 65535, 65535),
         ("i4", 0, 0),
         ("f4", -9999, "-9999,0"),
+        ("f4", 0, "alpha"),
+        ("f4", 0, "mask"),
     ],
 )
 def test_nodata_is_no_ground(tmp_path, kind, hole, tag):
     pixels = heights().round().astype(kind)
     pixels[10:13, 10:13] = hole
-    geotiff(tmp_path / "dem.tif", pixels, nodata=tag)
+    shown = pixels != hole
+    if tag == "alpha":
+        pair = np.stack([pixels, shown.astype(kind)], axis=-1)
+        geotiff(tmp_path / "dem.tif", pair, extrasamples=["unassalpha"])
+    else:
+        geotiff(tmp_path / "dem.tif", pixels, nodata=None if tag == "mask" else tag)
+    if tag == "mask":  # beside the page, as GDAL puts it
+        mask = {"subfiletype": 4, "photometric": "mask", "append": True}
+        tifffile.imwrite(tmp_path / "dem.tif", shown, **mask)
     settings = scene("dem.tif", (0.0, 0.0), (WIDE, HIGH))
     inputs = read_inputs(settings, tmp_path)
     x, y = np.mgrid[0.5:WIDE, 0.5:HIGH]
@@ -450,9 +460,7 @@ def test_a_cloud_says_as_of_what_system_it_is_taken_or_how_to_move_it(tmp_path):
     cloud.header.add_crs(pyproj.CRS("EPSG:32611"))
     cloud.write(tmp_path / "g.las")
     assert "names no system" not in str(ground_of(tmp_path, scene("g.las", crs="EPSG:32611"))[2])
-    advice = (
-        r"pdal translate IN.laz OUT.laz reprojection --filters.reprojection.out_srs=EPSG:32610$"
-    )
+    advice = r"pdal translate g.las OUT.laz reprojection --filters.reprojection.out_srs=EPSG:32610$"
     with pytest.raises(SpecError, match=advice):
         read_inputs(scene("g.las", crs="EPSG:32610"), tmp_path)
 
