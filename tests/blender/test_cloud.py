@@ -5,13 +5,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.io import wavfile
 
+bpy = pytest.importorskip("bpy")
+
+from references.rays import BruteCaster, ground, scene_with, wall
+from references.scenes import add_collection, add_mesh, reopened, values
+
+from forest_addon import spec
 from forest_addon.base.rng import stream
 from forest_addon.blender.read.depsgraph import read_scene
+from forest_addon.blender.scene import materials
 from forest_addon.blender.scene.instances import IGNORED_KEY
-from forest_addon.blender.scene.materials import LOOK_KEY
+from forest_addon.blender.scene.layout import COLOUR_BY, COLOUR_MAP, SHARE
+from forest_addon.blender.scene.materials import LOOK_KEY, TEXTURES
+from forest_addon.blender.scene.nodes import choose_input, chosen_input, drawn_inputs, set_input
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.blender.show import shaded
+from forest_addon.blender.show.cloud import show_cloud
+from forest_addon.blender.show.cloud_nodes import (
+    HIGHEST,
+    LOWEST,
+    MAPS,
+    MATERIAL,
+    MEASURES,
+    NUMBERS,
+    on_map,
+)
 from forest_addon.blender.show.preview import (
     AHEAD,
     CLEAR,
@@ -29,32 +49,12 @@ from forest_addon.blender.show.preview import (
     stand_walker,
     walkers_view,
 )
+from forest_addon.blender.show.sound import add_speaker, give_sound
 from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Wanted
 from forest_addon.growth.tree import grow, without_leaves
-from forest_addon.spec import Grammar, Look, Rays, SpecError, Species
-
-bpy = pytest.importorskip("bpy")
-
-from references.rays import BruteCaster, ground, scene_with, wall
-from references.scenes import add_collection, add_mesh, reopened, values
-from scipy.io import wavfile
-
-from forest_addon.blender.scene.layout import COLOUR_BY, COLOUR_MAP, SHARE
-from forest_addon.blender.scene.nodes import choose_input, chosen_input, drawn_inputs, set_input
-from forest_addon.blender.show.cloud import show_cloud
-from forest_addon.blender.show.cloud_nodes import (
-    HIGHEST,
-    LOWEST,
-    MAPS,
-    MATERIAL,
-    MEASURES,
-    NUMBERS,
-    on_map,
-)
-from forest_addon.blender.show.sound import add_speaker, give_sound
 from forest_addon.sensing.lidar.scan import scan
-from forest_addon.spec import Beam, Terrestrial
+from forest_addon.spec import Beam, Grammar, Look, Rays, SpecError, Species, Terrestrial
 
 
 @pytest.fixture
@@ -468,3 +468,60 @@ def test_farther_hills_are_paler(empty_blender):
         shades.append(sum(glow.inputs["Color"].default_value[:3]))
     assert shades == sorted(shades)
     assert shades[0] < 0.8 * shades[-1]
+
+
+# ---------------------------------------------------------------------------------------- materials
+# Bark and leaves as nodes: every texture is whole, small, and made anew when the species' bark changes.
+
+COLOUR = (0.2, 0.15, 0.1)
+
+
+def reached(material):
+    """Nodes that the surface depends on."""
+    tree = material.node_tree
+    ahead = [n for n in tree.nodes if n.type == "OUTPUT_MATERIAL"]
+    seen = set()
+    while ahead:
+        node = ahead.pop()
+        if node.name not in seen:
+            seen.add(node.name)
+            ahead += [link.from_node for socket in node.inputs for link in socket.links]
+    return seen
+
+
+def test_every_texture_of_the_settings_is_there():
+    choices = spec.param_of(spec.Bark.__dataclass_fields__["texture"]).choices
+    assert set(choices) == set(TEXTURES)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("texture", TEXTURES)
+def test_a_bark_is_nodes_alone_and_all_of_them_count(empty_blender, texture):
+    coat = spec.Bark(texture=texture, upper_from=0.4, moss=0.3)
+    bark = materials.bark("bark", COLOUR, coat)
+    shader = bark.node_tree.nodes["Principled BSDF"]
+    assert shader.inputs["Base Color"].is_linked
+    assert shader.inputs["Normal"].is_linked
+    assert not bpy.data.images
+    assert all(link.is_valid for link in bark.node_tree.links)
+    assert len(reached(bark)) > 0.9 * len(bark.node_tree.nodes)
+    assert len(bark.node_tree.nodes) < 120
+    ramp = bark.node_tree.nodes[materials.BARK_TONES].color_ramp.elements
+    assert ramp[0].color[0] < COLOUR[0] < ramp[-1].color[0]
+
+
+def test_needles_have_no_veins(empty_blender):
+    broad, needle = (materials.leaf(veins, COLOUR, veins) for veins in ("feather", "none"))
+    assert any(node.type == "BSDF_TRANSLUCENT" for node in needle.node_tree.nodes)
+    assert len(reached(needle)) < len(reached(broad))
+
+
+def test_a_bark_is_made_anew_in_place(empty_blender):
+    bark = materials.bark("bark", COLOUR, spec.Bark(texture="smooth"))
+    was = bark[materials.STYLE_KEY]
+    again = materials.bark("bark", COLOUR, spec.Bark(texture="plated"), into=bark)
+    fresh = materials.bark("fresh", COLOUR, spec.Bark(texture="plated"))
+    assert again == bark
+    assert bark[materials.STYLE_KEY] != was
+    assert len(bark.node_tree.nodes) == len(fresh.node_tree.nodes)
+    assert len(bark.node_tree.links) == len(fresh.node_tree.links)
