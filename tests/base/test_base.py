@@ -1,4 +1,4 @@
-"""What all rooms stand on: streams that are named by their key alone, vectors, digests, what is kept, attitudes."""
+"""What all rooms stand on: streams named by their key alone, vectors, digests, what is kept, attitudes."""
 
 import hashlib
 import math

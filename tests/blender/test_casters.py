@@ -264,21 +264,11 @@ def test_a_batch_of_any_size_finds_the_same_bytes(engine, size):
     caster = engine(forest(40))
     origins, directions = random_rays(2500)
     whole = caster.cast(origins, directions, 30.0, min_distance=0.2)
-    for first in range(0, min(len(origins), 60 * size), size):
-        part = slice(first, first + size)
-        found = caster.cast(origins[part], directions[part], 30.0, min_distance=0.2)
+    parts = [slice(k, k + size) for k in range(0, min(len(origins), 60 * size), size)]
+    found = [caster.cast(origins[k], directions[k], 30.0, min_distance=0.2) for k in parts]
+    for part, each in zip(parts, found, strict=True):  # what was found stays when others are cast
         for name in ("distance", "instance", "triangle"):
-            assert getattr(found, name).tobytes() == getattr(whole, name)[part].tobytes()
-
-
-def test_what_a_small_batch_found_stays_when_the_next_is_cast(engine):
-    caster = engine(forest(9))
-    origins, directions = random_rays(40)
-    first = caster.cast(origins[:20], directions[:20])
-    kept = [first.distance.copy(), first.instance.copy(), first.triangle.copy()]
-    caster.cast(origins[20:], directions[20:])
-    again = (first.distance, first.instance, first.triangle)
-    assert all((a == b).all() for a, b in zip(kept, again, strict=True))
+            assert getattr(each, name).tobytes() == getattr(whole, name)[part].tobytes()
 
 
 def test_small_batches_of_many_threads_do_not_disturb_each_other():
