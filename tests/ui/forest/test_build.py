@@ -392,34 +392,30 @@ def test_the_menu_is_there_and_offers_what_add_offers(registered):
     assert sorted(presets_offered) == sorted(["", *(file for file, _ in presets())])
 
 
-@pytest.fixture
-def furnished(registered, monkeypatch):
-    """The presets of new files that are furnished, in a Blender that has a window."""
-    presets = []
-    monkeypatch.setattr(start, "_furnish_soon", presets.append)
-    return presets
-
-
-def test_the_new_file_that_was_asked_for_is_furnished_and_no_other(furnished, monkeypatch):
-    monkeypatch.setattr(start, "_awaited", "demo")
-    bpy.ops.wm.read_homefile(app_template="")
-    assert furnished == ["demo"]
-    bpy.ops.wm.read_homefile(app_template="")
-    assert furnished == ["demo"]
-
-
-def test_another_file_is_left_as_it_is(furnished, monkeypatch, tmp_path):
-    monkeypatch.setattr(start, "_awaited", "demo")
-    reopened(tmp_path / "other.blend")
-    bpy.ops.wm.read_homefile(app_template="")
-    assert furnished == []
-
-
-def test_who_chooses_anew_is_not_given_what_was_given_up(furnished, monkeypatch):
-    monkeypatch.setattr(start, "_awaited", "demo")
+def chosen_anew(_folder):
     start.draw_in_new(SimpleNamespace(layout=Layout([])), None)
-    bpy.ops.wm.read_homefile(app_template="")
-    assert furnished == []
+
+
+@pytest.mark.parametrize(
+    ("before", "expected"),
+    [
+        (lambda _: None, ["demo"]),
+        (lambda folder: reopened(folder / "other.blend"), []),
+        (chosen_anew, []),
+    ],
+    ids=["as asked", "another file first", "chosen anew"],
+)
+def test_the_new_file_that_was_asked_for_is_furnished_and_no_other(
+    registered, monkeypatch, tmp_path, before, expected
+):
+    """In a Blender that has a window; one that comes later is left as it is."""
+    furnished = []
+    monkeypatch.setattr(start, "_furnish_soon", furnished.append)
+    monkeypatch.setattr(start, "_awaited", "demo")
+    before(tmp_path)
+    for _ in range(2):
+        bpy.ops.wm.read_homefile(app_template="")
+        assert furnished == expected
 
 
 def test_add_forest_keeps_the_sensors_that_are_there(small):
