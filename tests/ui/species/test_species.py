@@ -223,6 +223,8 @@ def test_edited_species_travel_in_the_file(planting, tmp_path):
 def test_a_tree_from_stl_is_planted_if_its_siblings_are_like_it_or_that_is_accepted(
     planting, model, own, monkeypatch
 ):
+    for name, few in (("FEWEST", 6), ("MESHED", 2)):
+        monkeypatch.setattr(f"forest_addon.growth.likeness.{name}", few)
     bpy.ops.forest.import_tree(
         directory=str(model), files=[{"name": "leaves.stl"}, {"name": "wood.stl"}]
     )
