@@ -104,7 +104,8 @@ def clip(
 
 def extents(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """(2, D) least and most of straight ways from (R, 3) to (R, 3) along fixed directions."""
-    ends = [SIDES @ begin.T, SIDES @ end.T]
+    # Not by BLAS, whose threads wait for each other longer than so few sums take.
+    ends = [np.einsum("di,ir->dr", SIDES, points.T.copy()) for points in (begin, end)]
     least = np.minimum(*(each.min(axis=1) for each in ends))
     return np.stack([least, np.maximum(*(each.max(axis=1) for each in ends))])
 
