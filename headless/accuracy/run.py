@@ -29,24 +29,20 @@ WIDE = 34  # letters of a line of the key
 ROOM = 0.08  # of an axis, at each end
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Sweep the scene that was chosen."""
-    sweep_scene(chosen.scene, chosen.out, chosen.error, chosen.seconds)
-
-
-def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = print) -> None:
+def run(chosen: argparse.Namespace, say: Say = print) -> None:
     """Sweep every sensor of a scene file; write accuracy.csv, accuracy.png and recommended.toml.
 
     Raises
     ------
     SpecError : the scene cannot be used, or has no sensor; an error or a time that is not above 0.
     """
+    out, error, seconds = chosen.out, chosen.error, chosen.seconds
     for key, value in (("--error", error), ("--seconds", seconds)):
         if not value > 0:
             raise SpecError(key, f"{value:g} is out of range; use more than 0")
-    scene = forest.read(path)
+    scene = forest.read(chosen.scene)
     if not scene.sensors:
-        raise SpecError(str(path), "has no sensor; give it [[sensors]]")
+        raise SpecError(str(chosen.scene), "has no sensor; give it [[sensors]]")
     out.mkdir(parents=True, exist_ok=True)
     stages = Stages(quiet=False)
     with stages.stage("grow and build the forest"), hushed():

@@ -10,7 +10,6 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from forest_addon.base.progress import Say
 from forest_addon.blender.scene.assets import FILE, grow_exhibits, write_species
 from forest_addon.drawing.figures import save_figure
 from forest_addon.drawing.palette import INK, PAPER
@@ -19,25 +18,12 @@ from forest_addon.growth.library import find_species, load_species, presets
 
 from ..command import refuse_beyond
 
-
-def run(chosen: argparse.Namespace) -> None:
-    """Make the library."""
-    make_library(chosen.names, chosen.out, chosen.variants, chosen.seed, sheet=chosen.sheet)
-
-
 MOST = 200  # trees of a species
 COLUMNS = (("height_m", ".1f"), ("dbh_m", ".2f"), ("leaves", ",.0f"))
 CELL, LABEL = 256, 34  # pixels of a picture, and of the words below it
 
 
-def make_library(
-    names: Sequence[str],
-    out: Path,
-    variants: int,
-    seed: int,
-    say: Say = print,
-    sheet: Path | None = None,
-) -> None:
+def run(chosen: argparse.Namespace) -> None:
     """Write a library of species, presets or files; none: every preset.
 
     Raises
@@ -45,29 +31,31 @@ def make_library(
     SpecError : a species is not known or cannot be used; the number of trees cannot be.
     OSError : a file could not be written; those written before stay.
     """
-
+    out, variants, sheet = chosen.out, chosen.variants, chosen.sheet
     refuse_beyond("--variants", variants, 1, MOST)
     claim(out / FILE, *([sheet] if sheet else []))
-    loaded = [load_species(find_species(name, Path())) for name in names or presets("species")]
-    say(f"{'species':<20}{'trees':>6}{'height':>14}{'DBH':>16}{'leaves':>20}{'file':>10}")
+    loaded = [
+        load_species(find_species(name, Path())) for name in chosen.names or presets("species")
+    ]
+    print(f"{'species':<20}{'trees':>6}{'height':>14}{'DBH':>16}{'leaves':>20}{'file':>10}")
     files = []
     for species, template in loaded:
-        exhibits = grow_exhibits(species, template, variants, seed)
+        exhibits = grow_exhibits(species, template, variants, chosen.seed)
         file = write_species(out, species, exhibits)
         files.append(file)
         truths = [truth for _, truth, _ in exhibits]
         spans = [_span([t[k] for t in truths], f) for k, f in COLUMNS]
-        say(
+        print(
             f"{species.name:<20}{variants:>6}{spans[0]:>12} m{spans[1]:>14} m"
             f"{spans[2]:>20}{file.stat().st_size / 1e6:>7.1f} MB"
         )
     if sheet:
         draw_sheet(files, sheet)
-        say(f"Wrote {sheet}")
-    say(
+        print(f"Wrote {sheet}")
+    print(
         f"Done: {len(files)} files and {FILE} in {out}. Add the folder to Blender's asset libraries:"
     )
-    say("  Preferences > File Paths > Asset Libraries, or the add-on's preferences")
+    print("  Preferences > File Paths > Asset Libraries, or the add-on's preferences")
 
 
 def _span(values: list[float], digits: str) -> str:

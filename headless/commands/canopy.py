@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -21,41 +19,25 @@ from forest_addon.spec import Scene, SpecError
 
 from ..command import numbers, read_scene, refuse_beyond
 
-
-def run(chosen: argparse.Namespace) -> None:
-    """Look up."""
-    look_up_in(chosen.scene, chosen.out, chosen.at or [], chosen.grid, chosen.height, chosen.seed)
-
-
 MOST = 100  # points along a side of the grid
 SHOWN = 9  # pictures
 INNER = 0.6  # of the field's width and depth, in its middle: what is seen at 75° is in the field, mostly
 
 
-def look_up_in(
-    scene: Path,
-    out: Path,
-    at: Sequence[str] = (),
-    grid: int = 5,
-    height: float = 1.3,
-    seed: int | None = None,
-    say: Say = print,
-) -> Canopy:
+def run(chosen: argparse.Namespace, say: Say = print) -> Canopy:
     """Grow a scene's forest, look up from points, print and write what is seen.
-
-    at : points as "X,Y" or "X,Y,Z", metres; none: a grid. height : of those without Z, above the ground.
 
     Raises
     ------
     SpecError : the scene, a point or the grid cannot be used.
     OSError : a file could not be written.
     """
-    settings = read_scene(scene, seed)
-    folder = scene.resolve().parent
-    refuse_beyond("--grid", grid, 1, MOST)
+    settings, out = read_scene(chosen.scene, chosen.seed), chosen.out
+    refuse_beyond("--grid", chosen.grid, 1, MOST)
     claim(*(out / file for file in ("gaps.csv", "hemispheres.npz", "hemispheres.png")))
-    places = [numbers("--at", text, 2, 3) for text in at] or _grid(settings, grid)
-    site = Site.of(settings, folder)
+    places = [numbers("--at", text, 2, 3) for text in chosen.at or ()]
+    places = places or _grid(settings, chosen.grid)
+    site = Site.of(settings, chosen.scene.resolve().parent)
     # (N, 3) places, those without a height so high above the ground
     flat = np.array([place[:2] for place in places])
     ground = site.ground.height(flat)
@@ -63,7 +45,8 @@ def look_up_in(
         x, y = flat[int(np.argmin(np.isfinite(ground)))]
         raise SpecError("--at", f"there is no ground at ({x:g}, {y:g}) m; choose another point")
     own = [
-        place[2] if len(place) == 3 else z + height for place, z in zip(places, ground, strict=True)
+        place[2] if len(place) == 3 else z + chosen.height
+        for place, z in zip(places, ground, strict=True)
     ]
     points = np.column_stack([flat, own])
     world = site.build(site.grow())

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from ..command import read_scene
 from ..progress import Stages, hushed
 
 
 def run(chosen: argparse.Namespace) -> None:
-    """Export the scene."""
-    export_scene(chosen.scene, chosen.out, chosen.seed, quiet=chosen.quiet)
-
-
-def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool = False) -> None:
     """Grow a scene file and write it for other programs.
 
     Raises
@@ -22,8 +16,8 @@ def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool 
     SpecError : a scene that cannot be used.
     OSError : a file that cannot be written.
     """
-    stages = Stages(quiet)
-    scene = read_scene(path, seed)
+    stages, folder = Stages(chosen.quiet), chosen.scene.parent
+    scene = read_scene(chosen.scene, chosen.seed)
     with stages.stage("load bpy"), hushed():
         import bpy
 
@@ -32,11 +26,11 @@ def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool 
         from forest_addon.blender.sensors.observe import Observer
         from forest_addon.sensing.lidar.surveys.export import flown
     with stages.stage("grow the forest"), hushed():
-        build(scene, folder=path.parent)
+        build(scene, folder=folder)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), scene.rays)
-        ways = {s.name: flown(s) or observer.way(s, path.parent) for s in scene.sensors}
+        ways = {s.name: flown(s) or observer.way(s, folder) for s in scene.sensors}
     told: list[str] = []
     with stages.stage("write files"), hushed():
-        export_for_others(scene, observer.geometry, ways, folder, told.append)
+        export_for_others(scene, observer.geometry, ways, chosen.out, told.append)
     for sentence in told:
         stages.say(sentence)

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from forest_addon.base.progress import Say
 from forest_addon.blender.files.export import empty_file, save_blend
 from forest_addon.blender.scene.layout import RESULTS, part
 from forest_addon.blender.show.trails import show_flights
@@ -30,24 +29,6 @@ from forest_addon.spec import Scene, SpecError
 from ..command import numbers, refuse_beyond
 from ..progress import Stages, hushed
 from ..report.trees import draw_flights
-
-
-def run(chosen: argparse.Namespace) -> None:
-    """Fly."""
-    speeds = listed("--speeds", chosen.speeds)
-    densities = listed("--densities", chosen.densities) or (1.0,)
-    fly_scene(
-        chosen.scene,
-        chosen.out,
-        chosen.policy,
-        chosen.episodes,
-        chosen.seed,
-        speeds,
-        densities,
-        chosen.trained,
-        not chosen.no_blend,
-        bags=chosen.bags,
-    )
 
 
 def listed(name: str, words: str | None) -> tuple[float, ...]:
@@ -83,47 +64,35 @@ class FlightCell:
         return sum(track.end == "arrived" for track in self.tracks)
 
 
-def fly_scene(
-    path: Path,
-    out: Path,
-    policy: str = "gap",
-    episodes: int = 100,
-    seed: int = 0,
-    speeds: Sequence[float] = (),
-    densities: Sequence[float] = (1.0,),
-    trained: Path | None = None,
-    blend: bool = True,
-    say: Say = print,
-    bags: int = 0,
-) -> list[FlightCell]:
-    """Fly ``episodes`` times at each speed and density and write everything into a folder.
-
-    speeds : m/s; none: the scene's. bags : of how many flights of the first cell ROS 2 bags are written.
+def run(chosen: argparse.Namespace) -> None:
+    """Fly so many times at each speed and density and write everything into a folder.
 
     Raises
     ------
     SpecError : the scene, or a policy, cannot be used.
     OSError : a file could not be written.
     """
-
+    speeds = listed("--speeds", chosen.speeds)
+    densities = listed("--densities", chosen.densities) or (1.0,)
+    out, policy, episodes = chosen.out, chosen.policy, chosen.episodes
     with hushed():
         empty_file()
-        stock = Stock(path, path.resolve().parent)
+        stock = Stock(chosen.scene, chosen.scene.resolve().parent)
     out.mkdir(parents=True, exist_ok=True)
     whole, cells, first, stages = stock.settings, [], None, Stages(quiet=False)
-    say(f"{whole.name}: {policy}, {episodes} flights at each speed and density")
+    print(f"{whole.name}: {policy}, {episodes} flights at each speed and density")
     if whole.wind.speed > 0:
         blows = f"a wind of {whole.wind.speed:g} m/s at the tops"
-        say(f"  {blows} carries flyers, with its gusts; trees sway as they sense and touch them")
+        print(f"  {blows} carries flyers, with its gusts; trees sway as they sense and touch them")
     for density in densities:
         stock.settings = thinned(whole, density)
         for speed in speeds or (whole.flight.speed,):
-            cell, world = _cell(stock, policy, trained, episodes, seed, speed, density)
+            cell, world = _cell(stock, chosen, speed, density)
             cells.append(cell)
             if first is None or (density == 1.0 and speed == whole.flight.speed):
                 first = (cell, world)
             low, high = interval(cell.arrived, episodes)
-            say(
+            print(
                 f"  {speed:5.1f} m/s, {cell.trees:7.4f} trees/m²: {cell.arrived / episodes:4.0%} arrive "
                 f"({low:.0%} to {high:.0%}), {_mean_speed(cell):.1f} m/s on the way"
             )
@@ -152,11 +121,11 @@ def fly_scene(
     write_csv(out / "success.csv", {name: [row[name] for row in rows] for name in rows[0]})
     draw_flights(out / "flights.png", cells, *first, title=f"{whole.name}: {policy}")
     names = "trajectories.csv, success.csv, flights.png"
-    if blend:
+    if not chosen.no_blend:
         with hushed(errors=True):
             _save(out / "flights.blend", *first)
         names += ", flights.blend"
-    tracks = cells[0].tracks[:bags]
+    tracks = cells[0].tracks[: chosen.bags]
     for number, track in enumerate(tracks):
         time = np.arange(len(track.position)) * track.step
         turn = Rotation.from_euler("Z", track.heading[:, None])
@@ -167,8 +136,7 @@ def fly_scene(
         )
     if tracks:
         names += f", {len(tracks)} bags: flight-0000.mcap and on"
-    say(f"Written to {out}: {names}")
-    return cells
+    print(f"Written to {out}: {names}")
 
 
 def _trajectories(cells: Sequence[FlightCell]) -> Iterator[dict[str, list]]:
@@ -218,20 +186,13 @@ def thinned(settings: Scene, factor: float) -> Scene:
 
 
 def _cell(
-    stock: Stock,
-    policy: str,
-    trained: Path | None,
-    episodes: int,
-    seed: int,
-    speed: float,
-    density: float,
+    stock: Stock, chosen: argparse.Namespace, speed: float, density: float
 ) -> tuple[FlightCell, FlightSurroundings]:
-
-    settings = stock.settings
+    settings, episodes, seed = stock.settings, chosen.episodes, chosen.seed
     flight = settings.flight.changed(speed=speed, slowest=min(settings.flight.slowest, speed))
     lidar, ears = LidarSense(lidar_of(settings)), EarSense(sonar_of(settings), settings.air)
-    learnt = load(trained, flight, lidar) if trained else None
-    pilot = policy_of(policy, flight, lidar, ears, learnt)
+    learnt = load(chosen.trained, flight, lidar) if chosen.trained else None
+    pilot = policy_of(chosen.policy, flight, lidar, ears, learnt)
     hears = "sonar" in pilot.sensors
     flyers = Flyers(
         flight, min(AT_ONCE, episodes), None if hears else lidar, ears if hears else None

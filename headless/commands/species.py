@@ -25,50 +25,30 @@ from ..command import refuse_beyond
 from ..progress import hushed
 from ..report import can_draw, without
 
-
-def run(chosen: argparse.Namespace) -> None:
-    """Show species, or close-ups of them."""
-    refuse_beyond("--pixels", chosen.pixels, 50, 4000)
-    if chosen.close_ups:
-        show_closeups(chosen.names, chosen.close_ups, chosen.seed)
-        if not (chosen.sheet or chosen.pictures):
-            return
-    show_species(
-        *(chosen.names, chosen.sheet, chosen.seed),
-        pictures=chosen.pictures,
-        pixels=chosen.pixels,
-    )
-
-
 SHOTS = (("european-beech", "fork"), ("scots-pine", "bark"), ("norway-maple", "twig"))
 CLOSE = 0.0006  # metres of tolerance
 OLDER = 1.5  # diameter of a tree that is looked at closely, over the mean of its species
 
 
-def show_species(
-    names: Sequence[str],
-    sheet: Path | None,
-    seed: int,
-    say: Say = print,
-    pictures: Path | None = None,
-    pixels: int = 800,
-) -> None:
-    """Grow one tree of each species, print its truth, and render them.
-
-    names : presets or species files; none: every preset.
-    sheet : picture of all of them, a tree ``pixels`` wide. pictures : folder for a small picture of each.
+def run(chosen: argparse.Namespace) -> None:
+    """Grow one tree of each species, print its truth, and render them; or show close-ups.
 
     Raises
     ------
     SpecError : a species is not known or cannot be used; pictures cannot be drawn.
     """
-
-    grown = [_grow(name, seed) for name in names or presets("species")]
+    refuse_beyond("--pixels", chosen.pixels, 50, 4000)
+    sheet, pictures = chosen.sheet, chosen.pictures
+    if chosen.close_ups:
+        show_closeups(chosen.names, chosen.close_ups, chosen.seed)
+        if not (sheet or pictures):
+            return
+    grown = [_grow(name, chosen.seed) for name in chosen.names or presets("species")]
     head = f"{'species':<20}{'height':>8}{'triangles':>12}{'leaves':>9}{'leaf area':>11}{'wood':>9}"
-    say(head)
+    print(head)
     for species, tree in grown:
         truth = tree_truth(tree)
-        say(
+        print(
             f"{species.name:<20}{truth['height_m']:>6.1f} m{len(tree.mesh.triangles):>12,}"
             f"{len(tree.leaves):>9,}{truth['leaf_area_m2']:>8.1f} m²"
             f"{1000 * truth['wood_volume_m3']:>7.0f} l"
@@ -83,11 +63,11 @@ def show_species(
     files = [pictures / f"{file_name(species.name)}.jpg" for species, _ in grown if pictures]
     claim(*files, *([sheet] if sheet else []))
     if sheet:
-        draw_sheet(grown, sheet, pixels)
-        say(f"Wrote {sheet}")
+        draw_sheet(grown, sheet, chosen.pixels)
+        print(f"Wrote {sheet}")
     if pictures:
         draw_pictures(grown, pictures)
-        say(f"Wrote {len(grown)} pictures into {pictures}")
+        print(f"Wrote {len(grown)} pictures into {pictures}")
 
 
 def show_closeups(

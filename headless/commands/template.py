@@ -34,51 +34,32 @@ from ..command import PROGRAM, UnlikeError
 from ..progress import Stages, hushed
 from ..report import can_draw, without
 
-
-def run(chosen: argparse.Namespace) -> None:
-    """Make the species."""
-    brought = Brought(chosen.wood, chosen.leaves, chosen.height, chosen.unit, chosen.up)
-    make_template(
-        *(brought, chosen.name, chosen.out, chosen.grammar, chosen.siblings),
-        accept=chosen.accept,
-    )
-
-
 SHOWN = 5  # siblings in the picture
 SENSED = 8  # siblings that are scanned and listened to
 
 
-def make_template(
-    brought: Brought,
-    name: str,
-    out: Path,
-    grammar: str = "fitted",
-    siblings: int = 50,
-    say: Say = print,
-    *,
-    accept: bool = False,
-) -> Path:
-    """Make a template library from files of a tree; returns the species file.
-
-    grammar : "fitted" or "tanveer-2020a". siblings : how many to compare with the tree; 0: none.
-    accept : write a scene also of siblings that are too unlike the tree.
+def run(chosen: argparse.Namespace, say: Say = print) -> None:
+    """Make a template library from files of a tree.
 
     Raises
     ------
     SpecError : a file cannot be used, with the reason.
     UnlikeError : siblings are too unlike the tree; all but the scene was written.
     """
-
+    name, out, siblings, accept = chosen.name, chosen.out, chosen.siblings, chosen.accept
     if siblings and not 3 <= siblings <= 1000:
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
     claim(*(out / file for file in ("recognised.png", "siblings.png")[: 1 + bool(siblings)]))
     try:
-        brought = replace(brought, groups=_groups(brought.wood, brought.leaves))
+        groups = _groups(chosen.wood, chosen.leaves)
+        brought = Brought(
+            chosen.wood, chosen.leaves, chosen.height, chosen.unit, chosen.up, groups=groups
+        )
         for file in filter(None, (brought.wood, brought.leaves)):
             for lost in lost_materials(file):
                 say(f"Warning: {lost}")
         with Stages(False).stage("recognise the tree") as progress:
-            made = make_library(brought, name, out, progress, grammar, siblings, accept)
+            made = make_library(brought, name, out, progress, chosen.grammar, siblings, accept)
     except NotUnderstoodError as problem:
         raise SpecError("template", _drawn(problem, name, out)) from None
     except SpecError as problem:
@@ -109,7 +90,6 @@ def make_template(
             )
     say(f"Wrote {written} and scene.toml.")
     say(f"Next: {PROGRAM} run {out / 'scene.toml'}")
-    return made.species
 
 
 def _drawn(problem: NotUnderstoodError, name: str, out: Path) -> str:

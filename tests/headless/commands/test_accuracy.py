@@ -1,6 +1,8 @@
 """Error against seconds: choice and words by hand-made points; the command on a small scene, whose
 recommended settings run and keep the error."""
 
+from argparse import Namespace
+
 import pytest
 from matplotlib.image import imread
 
@@ -134,7 +136,7 @@ report = false
 
 @pytest.mark.slow
 def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path, monkeypatch, quick):
-    from headless.accuracy.run import sweep_scene
+    from headless.accuracy.run import run
     from headless.pipeline import run_scene
 
     path = tmp_path / "small.toml"
@@ -142,7 +144,7 @@ def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path, monkeypatch, qui
     for name, few in (("NEAREST", 20), ("PULSES", 256), ("MANY_TRUNKS", 2000)):
         monkeypatch.setattr(f"headless.accuracy.sensors.{name}", few)
     said = []
-    sweep_scene(path, tmp_path / "out", error=1e-2, seconds=60, say=said.append)
+    run(Namespace(scene=path, out=tmp_path / "out", error=1e-2, seconds=60), said.append)
     words = "\n".join(said)
     for name in ("cloud", "scan", "echo", "reverb"):
         assert f"\n{name} (" in f"\n{words}"

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,8 +25,7 @@ from forest_addon.base.places import ASSETS
 from forest_addon.formats.ownership import RECORD
 from forest_addon.sensing.canopy import OUTSIDE, SKY
 from headless.cli import main
-from headless.commands.canopy import look_up_in
-from headless.commands.convolve import convolve
+from headless.commands import canopy, convolve
 from studies.papers.reverb_figures import Study, draw_figures, findings, responses
 
 SCENE = """
@@ -50,7 +50,8 @@ def scene(tmp_path):
 @pytest.mark.slow
 def test_effective_and_true_index_and_pictures(scene, tmp_path):
     told = []
-    seen = look_up_in(scene, tmp_path / "out", grid=2, height=0.5, say=told.append)
+    chosen = Namespace(scene=scene, out=tmp_path / "out", grid=2, height=0.5, at=None, seed=None)
+    seen = canopy.run(chosen, say=told.append)
     world = api.build(api.read(scene))
     leaf = world.trees["leaf_area_m2"].sum() / 64
     assert world.leaf_area_index == pytest.approx(leaf)
@@ -91,11 +92,13 @@ def test_convolve_from_the_command_line(headless, tmp_path):
 def test_levels_above_full_scale_stay_unless_normalised(tmp_path):
     said = []
     wavfile.write(tmp_path / "ir.wav", 24_000, np.array([40.0], np.float32))
-    convolve(tmp_path / "ir.wav", CLAP, tmp_path / "new" / "a.wav", None, said.append)
+    chosen = Namespace(response=tmp_path / "ir.wav", dry=CLAP, out=tmp_path / "new" / "a.wav")
+    convolve.run(Namespace(**vars(chosen), normalise=None), said.append)
     assert np.abs(wavfile.read(tmp_path / "new" / "a.wav")[1]).max() > 10
     assert "resampled from 48000 to 24000 Hz" in said[0]
     assert "clip" in said[-1]
-    convolve(tmp_path / "ir.wav", CLAP, tmp_path / "b.wav", -1.0, said.append)
+    chosen.out = tmp_path / "b.wav"
+    convolve.run(Namespace(**vars(chosen), normalise=-1.0), said.append)
     peak = np.abs(wavfile.read(tmp_path / "b.wav")[1]).max()
     assert peak == pytest.approx(10 ** (-0.05), rel=1e-5)
 
