@@ -1,9 +1,10 @@
 """The door to a forest: settings, inputs and species in, a grown forest out; without Blender.
 
-A ``ForestSite`` holds all that a forest is made of. ``read`` takes it from files, ``blender/site`` adds what
-objects of a Blender scene say, ``plan`` says where trees stand, and ``grow`` decides how much of each tree
-the scene's sensors need (once, ``sensing/detail``) and grows that. The API, the panel, datasets, flights and
-the commands all come this way, so the same settings and seed are the same forest to the bit.
+A ``ForestSite`` holds all that a forest is made of. ``read`` takes it from files, ``blender/read/inputs``
+adds what objects of a Blender scene say, ``plan`` says where trees stand, and ``grow`` decides how much of
+each tree the scene's sensors need (once, ``sensing/detail``) and grows that. The API, the panel,
+datasets, flights and the commands all come this way, so the same settings and seed are the same forest to the
+bit.
 """
 
 from __future__ import annotations

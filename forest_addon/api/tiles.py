@@ -213,13 +213,13 @@ class Tiling:
     def world_of(self, rows: np.ndarray) -> World:
         """Rows of trees in Blender, with the bounds of the whole."""
         place = import_blender().context.scene
-        from ..blender.site import build_site
+        from ..blender.scene.forest import build
 
         part = self.forest.part(rows)
         kind = "points" if self._as_points else "objects"
         field = self.scene.forest.changed(instancing=kind)
-        site = replace(self.site, scene=self.scene.changed(forest=field))
-        build_site(place, site, part, as_assets=False)
+        scene = self.scene.changed(forest=field)
+        build(place, scene, part, self.site.inputs.terrain, as_assets=False)
         world = World(self.scene, self.site.folder, part, place)
         observer = world.observer
         seen = observer.geometry

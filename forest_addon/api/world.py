@@ -569,7 +569,7 @@ class Site(ForestSite):
         """
         import_blender()
         from ..blender.files.export import open_for
-        from ..blender.site import with_objects
+        from ..blender.read.inputs import with_objects
 
         scene, folder = scene_of("build", scene), path_of("folder", folder)
         site = cls.read(scene, folder)
@@ -594,11 +594,12 @@ class Site(ForestSite):
         SpecError : ``bpy`` is missing; something that stands there is in the way.
         """
         place = import_blender().context.scene
+        from ..blender.scene.forest import build
         from ..blender.sensors.objects import put_sensor
-        from ..blender.site import build_site
 
         started = time.perf_counter()
-        build_site(place, self, forest, as_assets=as_assets, looks=looks)
+        how = {"as_assets": as_assets, "looks": looks}
+        build(place, self.scene, forest, self.inputs.terrain, **how)
         for sensor in self.scene.sensors:
             put_sensor(place, sensor)
         seconds += time.perf_counter() - started

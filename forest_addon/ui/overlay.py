@@ -99,7 +99,7 @@ def _renewed(drawn: tuple[Any, Any], depsgraph: bpy.types.Depsgraph) -> tuple[An
 
 
 def _batch_of(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgraph) -> Any:
-    from ..blender.site import with_objects
+    from ..blender.read.inputs import with_objects
     from ..site import ForestSite
     from ..stand.compose import corners_of, process_of
     from ..stand.files import read_inputs

@@ -20,8 +20,9 @@ import numpy as np
 from forest_addon.base.kept import LastAsked, digest
 from forest_addon.base.rng import stream
 from forest_addon.blender.files.export import empty_file, open_file
+from forest_addon.blender.read.inputs import with_objects
+from forest_addon.blender.scene.forest import build
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.blender.site import build_site, with_objects
 from forest_addon.formats.atomic import replacing, write_whole
 from forest_addon.formats.raster_file import write_png
 from forest_addon.formats.table import write_csv, write_npz
@@ -143,7 +144,8 @@ def make(
     with work.stage("build"):
         kept = keep.blend or keep.glb
         looks = kept or keep.preview
-        build_site(bpy.context.scene, site, forest, as_assets=kept, looks=looks)
+        ground = site.inputs.terrain
+        build(bpy.context.scene, settings, forest, ground, as_assets=kept, looks=looks)
     with work.stage("evaluate"):
         rays = Rays(engine=settings.rays.engine, threads=threads)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)

@@ -384,7 +384,8 @@ def test_a_loaded_file_is_read_anew(empty_blender, tmp_path):
     assert read() is not before
     assert read() is read()
     depsgraph.unwatch()
-    assert not any(depsgraph.forget in handlers for handlers in depsgraph._reports())
+    lists = (getattr(bpy.app.handlers, name) for name, _ in depsgraph.WATCHED)
+    assert not any(depsgraph.forget in handlers for handlers in lists)
 
 
 def test_curves_and_text_are_seen(empty_blender):

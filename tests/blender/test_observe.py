@@ -16,10 +16,10 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.trimesh import GROUND, WOOD
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.read.inputs import (
-    inputs_from_scene,
     read_painted,
     read_places,
     read_terrain,
+    with_objects,
 )
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.layout import GROUND_NAME, TREES, part
@@ -28,8 +28,8 @@ from forest_addon.blender.scene.nodes import GROUP
 from forest_addon.blender.sensors.moving import curve_points
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.library import load_species
+from forest_addon.site import ForestSite
 from forest_addon.spec import Mobile, Scene, Sonar, SpecError
-from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import grow_forest, leaf_table
 from forest_addon.stand.intensity.surface import Heightmap
 
@@ -377,7 +377,7 @@ def forest_on(name, **changes):
             spec.Planting(species="abop-monopodial-a", variants=1, expected=40, exact=True),
         ),
     )
-    inputs = inputs_from_scene(settings, depsgraph())
+    inputs = with_objects(ForestSite(settings), depsgraph()).inputs
     species = load_species(ASSETS / "species" / "abop-monopodial-a.toml")
     return settings, inputs, grow_forest(settings, [species], inputs=inputs)
 
@@ -510,7 +510,7 @@ def test_trees_stand_where_it_is_painted(empty_blender):
     )
     from forest_addon.stand.plan import plan_stand
 
-    inputs = inputs_from_scene(settings, depsgraph())
+    inputs = with_objects(ForestSite(settings), depsgraph()).inputs
     stand = plan_stand(settings.seed, settings.forest, settings.plantings, inputs)
     x = stand.position[:, 0] - 20
     assert ((x >= 0) & (x <= 10)).all()
@@ -535,7 +535,7 @@ def test_objects_say_where_trees_stand(empty_blender):
         forest=spec.Forest(size=(10.0, 10.0)),
         plantings=(spec.Planting(species="apple", layout="list", collection="surveyed"),),
     )
-    inputs = inputs_from_scene(settings, depsgraph(), Inputs())
+    inputs = with_objects(ForestSite(settings), depsgraph()).inputs
     forest = grow_forest(settings, [load_species(ASSETS / "species" / "apple.toml")], inputs=inputs)
     assert np.allclose(forest.stand.position, found.position)
     assert np.allclose(forest.stand.scale, found.scale)

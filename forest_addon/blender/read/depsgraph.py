@@ -13,7 +13,7 @@ the same ``TriMesh`` as before, with all that was made of it.
 from __future__ import annotations
 
 import atexit
-from collections.abc import Callable, Container, Hashable, Iterable
+from collections.abc import Callable, Container, Hashable
 from dataclasses import fields
 from typing import Any, TypeVar
 from weakref import WeakValueDictionary
@@ -83,15 +83,15 @@ def read_sample(
 
     known : meshes by what tells their triangles, filled on.
     """
-    reading = _Whereabouts(changing, known)
-    scene = _read(depsgraph, reading)
+    found = _Found(changing, known)
+    scene = _read(depsgraph, found)
     return SceneSample(
         scene.transform,
         scene.object_name,
         scene.object_index,
         scene.mesh_index,
-        reading.shapes,
-        (*reading.single, *reading.many),
+        found.shapes,
+        found.sources,
     )
 
 
@@ -99,8 +99,12 @@ def _read(depsgraph: bpy.types.Depsgraph, reading: _Found | None = None) -> Scen
     reading = _Found() if reading is None else reading
     by_nodes = set()
     plain = []
-    viewport = depsgraph.mode == "VIEWPORT"
-    iterate = any(_instances_otherwise(obj, viewport) for obj in depsgraph.ids)
+    shown = f"show_instancer_for_{'viewport' if depsgraph.mode == 'VIEWPORT' else 'render'}"
+    iterate = any(  # it instances otherwise than by nodes, or is hidden and its instances are not
+        has_duplis(obj) or not getattr(obj, shown)
+        for obj in depsgraph.ids
+        if isinstance(obj, bpy.types.Object)
+    )
     for obj in depsgraph.objects:
         if not has_nodes(obj):
             plain.append(obj)
@@ -132,18 +136,19 @@ def _read(depsgraph: bpy.types.Depsgraph, reading: _Found | None = None) -> Scen
     return reading.scene()
 
 
-def _instances_otherwise(obj: bpy.types.ID, viewport: bool) -> bool:
-    """Return whether an object instances otherwise than by nodes, or is hidden and its instances are not."""
-    if not isinstance(obj, bpy.types.Object):
-        return False
-    which = "viewport" if viewport else "render"
-    return has_duplis(obj) or not getattr(obj, f"show_instancer_for_{which}")
-
-
 class _Found:
-    """Meshes found so far, each once, and instances, one by one and by the thousand."""
+    """Meshes found so far, each once, and instances, one by one and by the thousand.
 
-    def __init__(self) -> None:
+    changing, known : as of ``read_sample``, which reads no other meshes than these shapes. shapes : of them,
+    by the numbers of their meshes.
+    """
+
+    def __init__(
+        self, changing: Container[str] = (), known: dict[str, TriMesh] | None = None
+    ) -> None:
+        self._changing, self._known = changing, known
+        self.shapes: dict[int, Shape] = {}
+        self._count = 0  # of meshes
         self._number_of: dict[int, int] = {}
         self._meshes: list[tuple] = []  # and what each says of itself, see ``_number``
         self._names: dict[str, int] = {}
@@ -157,18 +162,19 @@ class _Found:
         """One instance of an object's mesh, of which ``owner`` is the reason."""
         if _says(owner, obj, IGNORED_KEY, False):
             return
-        number = self._number(mesh, obj)
+        number = self._number(mesh, obj, obj.name_full)
         if number < 0:
             return
         self._single.append(
             (
                 number,
                 [row[:] for row in matrix[:3]],
-                self._name(owner),
+                self._names.setdefault(owner.name, len(self._names)),
                 _says(owner, obj, TREE_KEY, -1),
                 _says(owner, obj, SPECIES_KEY, -1),
                 _says(owner, obj, REFLECTANCE_KEY, np.nan),
                 optics_of(owner, obj),
+                obj.name_full,
             )
         )
 
@@ -178,7 +184,8 @@ class _Found:
         source = standing.source or owner
         if _says(owner, source, IGNORED_KEY, False):
             return
-        number = self._number(standing.mesh, standing.source)
+        name = "" if standing.source is None else standing.source.name_full
+        number = self._number(standing.mesh, standing.source, name, owner.name_full)
         if number < 0:
             return
         count = len(standing.transform)
@@ -192,13 +199,20 @@ class _Found:
             (
                 np.full(count, number),
                 world[:, :3],
-                np.full(count, self._name(owner)),
+                np.full(count, self._names.setdefault(owner.name, len(self._names))),
                 tree,
                 species,
                 np.full(count, reflectance),
                 np.tile(optics_of(owner, source), (count, 1)),
+                name,
             )
         )
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Names of the objects whose meshes instances have; "" of those that nodes made."""
+        of_many = (name for number, *_, name in self._many for _ in number)
+        return *(single[-1] for single in self._single), *of_many
 
     def scene(self) -> SceneGeometry:
         """All of it as arrays."""
@@ -210,7 +224,7 @@ class _Found:
                 [np.array(column, dtype=kind).reshape(shape), *(many[k] for many in self._many)],
                 dtype=kind,
             )
-            for k, (column, kind, shape) in enumerate(zip(columns, kinds, shapes, strict=True))
+            for k, (column, kind, shape) in enumerate(zip(columns, kinds, shapes, strict=False))
         )
         of_meshes: Any = zip(*self._meshes, strict=True) if self._meshes else [()] * 5
         meshes, slots, slot_optics, assets, materials = of_meshes
@@ -240,13 +254,17 @@ class _Found:
             slot_optics=slot_optics if any(np.isfinite(one).any() for one in slot_optics) else (),
         )
 
-    def _number(self, mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> int:
-        """Number of this among the unique meshes, -1 for one without faces."""
+    def _number(self, mesh: bpy.types.Mesh, obj: bpy.types.Object | None, *names: str) -> int:
+        """Number of this among the unique meshes, -1 for one without faces. names : of objects by whose
+        change its shape changes."""
         key = mesh.as_pointer()
         if key not in self._number_of:
-            empty = not len(mesh.polygons)
-            self._number_of[key] = -1 if empty else len(self._meshes)
-            if not empty:
+            number = self._number_of[key] = self._count if len(mesh.polygons) else -1
+            self._count += number >= 0
+            if number >= 0 and self._known is not None:
+                if any(name in self._changing for name in names):
+                    self.shapes[number] = _shape(mesh, self._known)
+            elif number >= 0:
                 shares = [m.original.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
                 shares = [s if isinstance(s, int | float) else np.nan for s in shares]
                 slots = [optics_of(m) if m else NO_OPTICS for m in mesh.materials]
@@ -263,55 +281,16 @@ class _Found:
                 self._meshes.append(told)
         return self._number_of[key]
 
-    def _name(self, obj: bpy.types.Object) -> int:
-        return self._names.setdefault(obj.name, len(self._names))
 
-
-class _Whereabouts(_Found):
-    """Instances, and the shapes of some objects; all other meshes are not read."""
-
-    def __init__(self, changing: Container[str], known: dict[str, TriMesh]) -> None:
-        super().__init__()
-        self._changing, self._known = changing, known
-        self._owner, self._seen = "", 0
-        self.shapes: dict[int, Shape] = {}
-        self.single: list[str] = []  # whose meshes instances have
-        self.many: list[str] = []
-
-    def add(
-        self, mesh: bpy.types.Mesh, obj: bpy.types.Object, owner: bpy.types.Object, matrix: Any
-    ) -> None:
-        super().add(mesh, obj, owner, matrix)
-        self.single += [obj.name_full] * (len(self._single) - len(self.single))
-
-    def add_many(self, standing: Standing, owner: bpy.types.Object) -> None:
-        self._owner, before = owner.name_full, len(self._many)
-        super().add_many(standing, owner)
-        if len(self._many) > before:
-            source = "" if standing.source is None else standing.source.name_full
-            self.many += [source] * len(standing.transform)
-
-    def _number(self, mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> int:
-        key = mesh.as_pointer()
-        if key in self._number_of:
-            return self._number_of[key]
-        number = -1
-        if len(mesh.polygons):
-            number, self._seen = self._seen, self._seen + 1
-            name = self._owner if obj is None else obj.name_full
-            if name in self._changing or self._owner in self._changing:
-                self.shapes[number] = self._shape(mesh)
-        self._number_of[key] = number
-        return number
-
-    def _shape(self, mesh: bpy.types.Mesh) -> Shape:
-        corners = read(mesh, ".corner_vert", "INT", "CORNER")
-        starts = np.empty(len(mesh.polygons), dtype=np.int32)
-        mesh.polygons.foreach_get("loop_start", starts)
-        told = digest([corners, starts, len(mesh.vertices)])
-        if told not in self._known:
-            self._known[told] = separate_leaves(from_mesh(mesh))
-        return Shape(read(mesh, "position", "FLOAT_VECTOR"), self._known[told])
+def _shape(mesh: bpy.types.Mesh, known: dict[str, TriMesh]) -> Shape:
+    """Points of a mesh, and its triangles, of ``known`` where they are."""
+    corners = read(mesh, ".corner_vert", "INT", "CORNER")
+    starts = np.empty(len(mesh.polygons), dtype=np.int32)
+    mesh.polygons.foreach_get("loop_start", starts)
+    told = digest([corners, starts, len(mesh.vertices)])
+    if told not in known:
+        known[told] = separate_leaves(from_mesh(mesh))
+    return Shape(read(mesh, "position", "FLOAT_VECTOR"), known[told])
 
 
 def _triangles_of(mesh: bpy.types.Mesh, obj: bpy.types.Object | None) -> TriMesh:
@@ -357,11 +336,10 @@ lasting: dict[str, Any] = {}  # what is kept over changes, and let go of with th
 
 def kept(depsgraph: bpy.types.Depsgraph, make: Callable[..., T], *settings: Hashable) -> T:
     """``make(depsgraph, *settings)``, or what it made of this scene before if nothing changed since."""
-    if not all(forget in handlers for handlers in _reports()):
-        _unwatch()
-        for handlers in _reports():
-            handlers.append(forget)
-        bpy.app.handlers.load_pre.append(close)
+    for name, handler in WATCHED:
+        handlers = getattr(bpy.app.handlers, name)
+        if handler not in handlers:
+            handlers.append(handler)
     view = (depsgraph.scene.session_uid, depsgraph.view_layer.name, depsgraph.mode)
     # what sensors heed among the custom properties of objects and materials
     blocks = (*bpy.data.objects, *bpy.data.materials)
@@ -410,20 +388,14 @@ def close(*_: Any) -> None:
 def unwatch() -> None:
     """Drop all, and take the handlers back."""
     close()
-    _unwatch()
+    for name, handler in WATCHED:
+        handlers = getattr(bpy.app.handlers, name)
+        if handler in handlers:
+            handlers.remove(handler)
 
 
-def _unwatch() -> None:
-    for handlers in (*_reports(), bpy.app.handlers.load_pre):
-        for ours in (forget, close):
-            if ours in handlers:
-                handlers.remove(ours)
-
-
+WATCHED = (  # Blender's lists of whom to tell of a change, and who is told
+    *((f"{name}_post", forget) for name in ("depsgraph_update", "frame_change", "undo", "redo")),
+    ("load_pre", close),
+)
 atexit.register(unwatch)  # with a handler of ours left, bpy 4.5 does not end
-
-
-def _reports() -> Iterable[list]:
-    """Blender's lists of whom to tell of a change."""
-    known = bpy.app.handlers
-    return (known.depsgraph_update_post, known.frame_change_post, known.undo_post, known.redo_post)

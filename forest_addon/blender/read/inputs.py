@@ -3,32 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
 
 import bpy
 import numpy as np
 
-from ... import spec
 from ...base.vectors import azimuth_of
 from ...spec import SpecError
-from ...stand.compose import Inputs, Painted, TreeList
+from ...stand.compose import Painted, TreeList
 from ...stand.intensity.surface import Triangulated
 from ..scene.attributes import read, world_places_of
 from ..scene.layout import LUMINANCE, objects_in
 from .depsgraph import SOLID_TYPES
 
+if TYPE_CHECKING:
+    from ...site import ForestSite
+
+S = TypeVar("S", bound="ForestSite")
 WEIGHTS = ("FLOAT", "INT", "INT8", "BOOLEAN", "FLOAT_COLOR", "BYTE_COLOR")  # kinds of attributes
 
 
-def inputs_from_scene(
-    settings: spec.Scene, depsgraph: bpy.types.Depsgraph, inputs: Inputs | None = None
-) -> Inputs:
-    """Add what the settings take from objects of an evaluated scene to what came from files.
+def with_objects(site: S, depsgraph: bpy.types.Depsgraph | None = None) -> S:
+    """Add the ground, painted weights and places of trees that objects of the evaluated scene give to what a
+    site has from files.
 
     Raises
     ------
     SpecError : there is no such object, layer or collection; says what there is.
     """
-    inputs = inputs or Inputs()
+    depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
+    settings, inputs = site.scene, site.inputs
     painted, lists, terrain = dict(inputs.painted), dict(inputs.lists), inputs.terrain
     if settings.forest.terrain.object:
         terrain = read_terrain(settings.forest.terrain.object, depsgraph)
@@ -39,7 +43,7 @@ def inputs_from_scene(
         if planting.layout == "list" and planting.collection:
             where = f"plantings[{number}].collection"
             lists[planting.collection] = read_places(planting.collection, depsgraph, where)
-    return replace(inputs, painted=painted, lists=lists, terrain=terrain)
+    return replace(site, inputs=replace(inputs, painted=painted, lists=lists, terrain=terrain))
 
 
 def read_terrain(

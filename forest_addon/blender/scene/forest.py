@@ -26,6 +26,7 @@ from ...growth.mesh.stand_in import Level, level_for, stand_in
 from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
 from ...stand.intensity.surface import Flat, GroundSurface
+from ..show.wind import hide_wind
 from . import materials
 from .assets import Told, Variant, draw, tell_variants, untold
 from .instances import (
@@ -51,7 +52,6 @@ from .layout import (
     find_part,
     is_ours,
     part,
-    root,
 )
 from .meshes import ground_mesh, to_mesh
 from .nodes import LEVEL_KEY, give_instancer, instancer_group, show_near
@@ -129,7 +129,7 @@ def build(
     as_assets: bool = True,
     looks: bool = True,
     ready: ReadyForest | None = None,
-) -> bpy.types.Collection:
+) -> None:
     """Put a forest into a Blender scene, or bring the one that is there up to date; its sensors stay.
 
     terrain : the ground that the forest was planned on; None: flat.
@@ -141,7 +141,7 @@ def build(
 
     Raises
     ------
-    ValueError : a tree that cannot stand (see ``points_mesh``), or an object of the forest that is in Edit
+    SpecError : a tree that cannot stand (see ``points_mesh``), or an object of the forest that is in Edit
         Mode, where Blender gives it no other mesh; nothing is changed.
     """
     terrain = Flat(settings.forest.terrain.base) if terrain is None else terrain
@@ -149,7 +149,8 @@ def build(
     standing = KeptStanding.of(scene)
     edited = next((obj.name for obj in standing.things.values() if obj.mode == "EDIT"), "")
     if edited:
-        raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then grow the forest again')
+        why = f'"{edited}" is being edited; leave Edit Mode, then grow the forest again'
+        raise spec.SpecError("build", why)
     ready, points = ready or ReadyForest(), are_points(settings.forest, forest)
     labels = () if points else forest.labels
     with all_or_nothing():
@@ -186,7 +187,7 @@ def build(
     _stands[scene.session_uid] = weakref.ref(forest)
     if as_assets:
         tell_variants(scene, forest, tell_of(forest, untold(scene, forest)))
-    return root(scene)
+    hide_wind(scene)  # which moved the trees of before
 
 
 def triangles_of(forest: GrownForest) -> int:

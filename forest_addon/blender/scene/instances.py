@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from ...spec import SpecError
 from .attributes import mesh_of_points, read
 from .layout import (
     POINTS_ROLE,
@@ -215,7 +216,7 @@ def points_mesh(
 
     Raises
     ------
-    ValueError : a size factor is not above 0, a place is not finite, a variant is not there.
+    SpecError : a size factor is not above 0, a place is not finite, a variant is not there.
     """
     _refuse(~(np.isfinite(scale) & (scale > 0)), scale, tree, "has the size factor", "above 0")
     _refuse(~np.isfinite(position).all(axis=1), position, tree, "stands at", "finite")
@@ -264,7 +265,7 @@ def read_points(obj: bpy.types.Object) -> InstancedTrees:
 def _refuse(bad: np.ndarray, values: np.ndarray, tree: np.ndarray, what: str, must: str) -> None:
     if bad.any():
         first = int(np.argmax(bad))
-        raise ValueError(f"tree {tree[first]} {what} {values[first]}; it must be {must}")
+        raise SpecError("build", f"tree {tree[first]} {what} {values[first]}; it must be {must}")
 
 
 NAME = "Forest Sensing, for a moment"
@@ -279,7 +280,7 @@ def evaluated_transforms(
 
     Raises
     ------
-    ValueError : a size factor is not above 0, or a place is not finite.
+    SpecError : a size factor is not above 0, or a place is not finite.
     """
     count = len(position)
     if not count:

@@ -260,7 +260,7 @@ def read_site(
     context: bpy.types.Context, settings: Scene, folder: Path
 ) -> Generator[Task, Any, ForestSite]:
     """Read the files and objects of a scene as part of a job, with the species that it edits."""
-    from ...blender.site import with_objects
+    from ...blender.read.inputs import with_objects
     from ...site import ForestSite
 
     edited = edited_species(context.scene)
@@ -285,17 +285,17 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
-        yield getting_ready("site", "blender.site", "ui.results.finding")
+        yield getting_ready("site", "blender.scene.forest", "ui.results.finding")
         from ...blender.scene.assets import tell_variants, untold
         from ...blender.scene.forest import (
             SHOWN_IN_FULL,
             are_points,
+            build,
             make_ready,
             shapes_in,
             tell_of,
             triangles_of,
         )
-        from ...blender.site import build_site
         from ..results.finding import keep_forest
 
         demo = forestless(scene.forest_sensing)
@@ -320,7 +320,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             take_scene(scene, settings, folder, keep_sensors=True)
             mark = fingerprint(scene, context.evaluated_depsgraph_get())
         first = "forest" not in scene.forest_sensing.results
-        build_site(scene, site, forest, as_assets=False, ready=ready)
+        build(scene, site.scene, forest, site.inputs.terrain, as_assets=False, ready=ready)
         scene.forest_sensing.built = mark
         if getattr(self, "frame", False):
             for _, area in views():

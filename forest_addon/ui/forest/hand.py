@@ -446,7 +446,7 @@ def paint(_button: Button, context: bpy.types.Context) -> str:
         bpy.ops.object.mode_set(mode="OBJECT")
         _put_away()
         return ""
-    from ...blender.site import with_objects
+    from ...blender.read.inputs import with_objects
     from ...site import ForestSite
     from ...stand.files import read_inputs
 
