@@ -57,6 +57,7 @@ from forest_addon.formats.ownership import claim
 from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map, write_note
+from forest_addon.results.kind import facts
 from forest_addon.results.kinds import files_of, results_of, sentence_of, write_finding
 from forest_addon.results.packed import read_values, write_values
 from forest_addon.results.scan_file import scene_digest
@@ -480,20 +481,26 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
         picture = page.draw_result(sensor, found, world.observer, path)
         if picture is not None:
             run.files.append(path.name)
-    finding = page.finding_of(sensor, found, picture, world.observer)
+    record = results_of(sensor)
+    figures = record.figures(sensor, found, world.observer)
     audits = () if result.audit is None else (result.audit,)
     heard = {name for each in run.findings for name in each.sounds}
-    cloud = results_of(sensor).points(sensor, found)
+    cloud = record.points(sensor, found)
     turned = ""
     if run.settings.output.report and cloud is not None:
         turned = turning_cloud(cloud, run.species, BUDGET // len(run.settings.sensors))
-    return dataclasses.replace(
-        finding,
-        audits=audits,
+    warnings = (f"{warning}." for warning in result.warnings)
+    return page.Finding(
+        record.title(sensor),
+        record.story(sensor, found),
+        facts(figures),
+        (*record.notes(sensor, found), *map(str, result.chosen)),
+        picture,
+        audits,
         figure=turned,
+        warnings=(*record.doubts(sensor, found), *warnings),
+        octaves={each.name: each.by_octave for each in figures if each.name and each.by_octave},
         sounds=tuple(name for name in run.files if name.endswith(".wav") and name not in heard),
-        warnings=(*finding.warnings, *(f"{warning}." for warning in result.warnings)),
-        notes=(*finding.notes, *map(str, result.chosen)),
     )
 
 

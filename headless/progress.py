@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 
 WIDTH = 28
 MEANT = "did you mean"
-DELAY = 1.0  # s, before a bar is shown
+BAR: dict[str, Any] = {  # shown after a second
+    "total": 1,
+    "delay": 1.0,
+    "leave": False,
+    "bar_format": "{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}, {remaining} left",
+}
 
 
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -52,11 +57,17 @@ class Stages:
     """Names and times the stages of a run; ``seconds`` keeps what each took, ``warnings`` what was said.
 
     ``found``, set within a stage, stands behind its time. verbose : say what an audit looked at as well.
-    strict : a warning is an error, at the end.
+    strict : a warning is an error, at the end. clock : seconds of it are told; those of a name add up.
     """
 
-    def __init__(self, quiet: bool, verbose: bool = False, strict: bool = False) -> None:
-        self.quiet, self.verbose, self.strict = quiet, verbose, strict
+    def __init__(
+        self,
+        quiet: bool,
+        verbose: bool = False,
+        strict: bool = False,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self.quiet, self.verbose, self.strict, self._clock = quiet, verbose, strict, clock
         self._doubts: list[str] = []
         self.found = ""
         self.warnings: list[str] = []
@@ -66,15 +77,17 @@ class Stages:
     @contextmanager
     def stage(self, name: str) -> Iterator[Progress]:
         """Time a stage; the block gets a function ``progress(done, total)``."""
-        start, self.found = time.perf_counter(), ""
+        start, self.found = self._clock(), ""
         if self.quiet or not sys.stderr.isatty():
             yield lambda done, total: None
         else:
-            with _bar(plain(name)) as bar:
-                self._bar = bar
-                yield partial(_show, bar)
-        self.seconds[name] = time.perf_counter() - start
-        self.say(f"  {name:<{WIDTH}}{self.seconds[name]:7.2f} s   {self.found}".rstrip())
+            from tqdm import tqdm  # here: many a series of scenes is quiet
+
+            with tqdm(desc=f"  {plain(name)}", file=sys.stderr, **BAR) as self._bar:
+                yield partial(_show, self._bar)
+        took = self._clock() - start
+        self.seconds[name] = self.seconds.get(name, 0.0) + took
+        self.say(f"  {name:<{WIDTH}}{took:7.2f} s   {self.found}".rstrip())
 
     def say(self, text: str) -> None:
         """Print a line, unless quiet."""
@@ -118,24 +131,6 @@ class Stages:
         print(plain(text), file=sys.stderr, flush=True)
 
 
-@contextmanager
-def _bar(name: str) -> Iterator[Any]:
-    from tqdm import tqdm  # here: many a series of scenes is quiet
-
-    bar = tqdm(
-        desc=f"  {name}",
-        total=1,
-        delay=DELAY,
-        leave=False,
-        file=sys.stderr,
-        bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}, {remaining} left",
-    )
-    try:
-        yield bar
-    finally:
-        bar.close()
-
-
 def _show(bar: Any, done: int, total: int) -> None:
     bar.total = total
     bar.update(done - bar.n)
@@ -161,12 +156,6 @@ def hushed(*, errors: bool = False) -> Iterator[None]:
         for stream, original in zip(streams, kept, strict=True):
             os.dup2(original, stream)
             os.close(original)
-
-
-def forget_peak() -> None:
-    """Have the largest memory counted anew from now on, where the system does so (Linux)."""
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
 
 
 def peak_memory_mb() -> float | None:

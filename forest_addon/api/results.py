@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.rows import distinct
 from ..formats.foreign import library
 from ..formats.table import write_npz
 from ..results.coordinates import NO_OFFSET, Offset
@@ -159,7 +158,7 @@ class Result:
         write_as(path, self.sensor, self.found, self.offset)
 
     def summary(self) -> dict[str, str]:
-        """Figures of this result in words."""
+        """Figures of this result in words, those of report and panel."""
         figures = {
             each.name or each.short: each.text for each in figures_of(self.sensor, self.found)
         }
@@ -252,21 +251,6 @@ class PointCloud(Result):
         returns = self.found.returns
         named = {name: getattr(returns, name) for name in ("tree", "species", "leaf", "organ")}
         return named | {"object": returns.instance}
-
-    def summary(self) -> dict[str, str]:
-        share = len(distinct(self.found.pulse)) / max(self.found.pulses, 1)
-        moved = {} if self.found.velocity is None else self._moved()
-        return {
-            "points": f"{len(self):,}",
-            "pulses": f"{self.found.pulses:,}, {share:.1%} of them came back",
-            **moved,
-            "rays by": self.found.engine,
-            "time": f"{self.seconds:.2f} s",
-        }
-
-    def _moved(self) -> dict[str, str]:
-        figures = figures_of(self.sensor, self.found)
-        return {each.name: each.text for each in figures if each.short in ("Met Moving", "Blur")}
 
     @property
     def motion(self) -> dict[str, np.ndarray]:
@@ -396,15 +380,6 @@ class RowScan(Result):
         else:
             self.cloud.save(path)
 
-    def summary(self) -> dict[str, str]:
-        scans, angles = self.matrix.shape
-        met = int(np.isfinite(self.found.distance).sum())
-        return {
-            "beams": f"{scans * angles:,} ({scans:,} scans of {angles:,})",
-            "met something": f"{met:,}",
-            "time": f"{self.seconds:.2f} s",
-        }
-
 
 class Echoes(Result):
     """The echo of a ping (``found`` is an ``Echo``), or of a flight (a ``PingSeries``)."""
@@ -443,15 +418,6 @@ class Echoes(Result):
         names = ("pose", "position", "velocity", "rest")
         return {name: columns[name] for name in names} if "rest" in columns else {}
 
-    def summary(self) -> dict[str, str]:
-        level = 20 * np.log10(max(float(np.abs(self.waveforms).max(initial=0.0)), 1e-30))
-        return {
-            "pings": f"{len(self.pings)}",
-            "leaves heard": f"{sum(echo.leaves_heard for echo in self.pings):,}",
-            "loudest": f"{level:.1f} dB re the call at 1 m",
-            "time": f"{self.seconds:.2f} s",
-        }
-
 
 class Response(Result):
     """Impulse responses, a channel for each pair of source and receiver; ``found`` is the first."""
@@ -472,14 +438,6 @@ class Response(Result):
     def metrics(self) -> RoomMetrics:
         """Room measures of the first channel, by band."""
         return room_metrics(self.found.samples, self.found.sample_rate, self.found.left_db)
-
-    def summary(self) -> dict[str, str]:
-        return {
-            "channels": f"{len(self.found.channels)}",
-            "trunks heard": f"{self.found.trunks:,}",
-            "record": f"{len(self.found.samples) / self.sample_rate:.2f} s at {self.sample_rate:g} Hz",
-            "time": f"{self.seconds:.2f} s",
-        }
 
 
 CLASSES: Mapping[str, Callable[..., Result]] = {  # of kinds whose results have arrays with names

@@ -62,7 +62,11 @@ def of_response(
         listed += f" and {len(channels) - SHOWN_CHANNELS} more"
     measured = room_metrics(response.samples, response.sample_rate, response.left_db)
     decay, clarity = np.where(measured.t30 <= record, measured.t30, np.nan), measured.c50[0]
-    figures = [numbers("channels", "", listed)]
+    seconds = len(response.samples) / response.sample_rate
+    figures = [
+        numbers("channels", "", listed),
+        numbers("record", "", f"{seconds:.2f} s at {response.sample_rate:g} Hz"),
+    ]
     if trunks is not None:
         figures.append(numbers("trunks cut from the scene", "", f"{trunks:,}"))
     return [

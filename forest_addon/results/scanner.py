@@ -22,9 +22,11 @@ THIRDS = 3  # of the heights of what moves
 
 def _figures(scanner: Scanner, cloud: Cloud, _seen: Seen | None) -> list[Figure]:
     tree, organ = cloud.returns.tree, cloud.returns.organ
+    back = len(distinct(cloud.pulse)) / max(cloud.pulses, 1)
     figures = [
         numbers("", "Beams", f"{cloud.pulses:,}"),
         numbers("points", "Points", f"{len(organ):,}"),
+        numbers("pulses that came back", "", f"{back:.1%} of {cloud.pulses:,}"),
         numbers("trees seen", "Trees Seen", f"{len(np.unique(tree[tree >= 0]))}"),
         *organ_figures(organ),
     ]

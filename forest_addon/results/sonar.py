@@ -10,7 +10,7 @@ added, in a scene that moves with its velocity at the ping's time and its place 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -311,10 +311,6 @@ def _call_in_words(sonar: Sonar) -> str:
     )
 
 
-def _notes(sonar: Sonar, found: Finding) -> tuple[str, ...]:
-    return tuple(_echo_notes(sonar, _flight(found).echoes))
-
-
 def _doubts(sonar: Sonar, found: Finding) -> tuple[str, ...]:
     """Return that a tolerance was not reached, and what to do, and that leaves are too dense."""
     return (*_doubts_about_sum(sonar, found), *_doubts_about_density(found))
@@ -363,7 +359,8 @@ NOISES = {
 }
 
 
-def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
+def _notes(sonar: Sonar, found: Finding) -> tuple[str, ...]:
+    echoes, noises = _flight(found).echoes, []
     bound, error, table = (
         max(getattr(echo, name) for echo in echoes)
         for name in ("cull_bound", "error_bound", "table_error")
@@ -377,9 +374,9 @@ def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
     receiver = sonar.receiver
     if receiver is not None and receiver.ambient != "none":
         noise = NOISES[receiver.ambient]
-        yield f"Noise of {noise}; above, 6 dB less an octave is an assumption."
-    yield f"{summed}; what is left out as too weak adds at most {bound:.1e} of them."
-    yield SHADES[sonar.shading]
+        noises.append(f"Noise of {noise}; above, 6 dB less an octave is an assumption.")
+    weak = f"{summed}; what is left out as too weak adds at most {bound:.1e} of them."
+    return *noises, weak, SHADES[sonar.shading]
 
 
 def _columns(found: Finding) -> dict[str, list[Any]]:

@@ -443,7 +443,9 @@ def _recipe(plan: Plan, number: int, base: Base, drawn: dict[str, Any]) -> Recip
     )
     told = asdict(recipe)
     del told["folder"]  # where it lies does not matter, what is in it does
-    told["files"] = {name: _digest_of_file(name, base.folder) for name in _files_of(settings)}
+    names = {settings.blend} - {""}
+    with_files(settings, lambda name: names.add(name) or name)
+    told["files"] = {name: _digest_of_file(name, base.folder) for name in names}
     digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
     return replace(recipe, digest=digest)
 
@@ -589,13 +591,6 @@ def _base_of(plan: Plan, number: int) -> Base:
     weights = np.array([base.weight for base in plan.bases])
     u = stream(plan.head.seed, "base", number).random() * weights.sum()
     return plan.bases[min(int(np.searchsorted(np.cumsum(weights), u, "right")), len(weights) - 1)]
-
-
-def _files_of(settings: Scene) -> list[str]:
-    """Names of all files that settings name."""
-    names = {settings.blend} - {""}
-    with_files(settings, lambda name: names.add(name) or name)
-    return sorted(names)
 
 
 @cache

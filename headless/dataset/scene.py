@@ -8,8 +8,7 @@ each were made anew.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -59,7 +58,7 @@ from forest_addon.stand.intensity.surface import Heightmap
 from forest_addon.stand.plan import LOW, labels
 from forest_addon.stand.wind import sway_of
 
-from ..progress import hushed
+from ..progress import Stages, hushed
 from .disk import finish
 from .formats import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance
 from .place import FILE, heights_of, place_sensors
@@ -99,23 +98,6 @@ class Session:
         return grown
 
 
-class _Making:
-    """A scene in the making: its folder and the seconds of its stages."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.seconds: dict[str, float] = {}
-        self.points: dict[str, int] = {}
-        self.empty: dict[str, str] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time a stage in CPU seconds of this process."""
-        start = time.process_time()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.process_time() - start
-
-
 def make(
     recipe: Recipe, folder: Path, root: Path, session: Session, threads: int
 ) -> dict[str, float]:
@@ -128,29 +110,30 @@ def make(
     SpecError, ValueError : settings that cannot be used together.
     OSError : a file cannot be read or written.
     """
-    work = _Making(folder)
+    stages = Stages(quiet=True, clock=time.process_time)
+    record: dict[str, Any] = {"points": {}, "empty": {}}
     keep, home = recipe.keep, Path(recipe.folder)
-    with work.stage("read"):
+    with stages.stage("read"):
         site = ForestSite.read(recipe.settings(), home)
         if site.scene.blend:
             with hushed():
                 open_file(home / site.scene.blend)
-    with work.stage("place"):
+    with stages.stage("place"):
         site = _place(recipe, site, folder)
         settings = site.scene
-    with work.stage("grow"):
+    with stages.stage("grow"):
         grown = session.trees_of(site, recipe.library[1]) if recipe.library else None
         forest = site.grow(grown=grown)
-    with work.stage("build"):
+    with stages.stage("build"):
         kept = keep.blend or keep.glb
         looks = kept or keep.preview
         ground = site.inputs.terrain
         build(bpy.context.scene, settings, forest, ground, as_assets=kept, looks=looks)
-    with work.stage("evaluate"):
+    with stages.stage("evaluate"):
         rays = Rays(engine=settings.rays.engine, threads=threads)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)
         observer.blow(sway_of(forest, settings.wind, settings.seed))
-    with work.stage("trees"):
+    with stages.stage("trees"):
         table = inventory(forest)
         write_note(folder / COORDINATES, settings.offset, settings.crs)
         write_csv(folder / "trees.csv", on_the_map(table, settings.offset))
@@ -164,24 +147,24 @@ def make(
                 metres | {"normal": "1", "axis": "1"},
             )
     if keep.cylinders:
-        with work.stage("cylinders"):
+        with stages.stage("cylinders"):
             write_cylinders(folder / "cylinders.csv", cylinder_table(forest), settings.offset)
     cells = None
     if keep.voxels:
-        with work.stage("voxels"):
+        with stages.stage("voxels"):
             arrays = voxel_arrays(forest, keep.voxels)
             density = dict.fromkeys(("leaf_area_density", "wood_area_density"), "m2/m3")
             arrays["origin"] = np.array(settings.offset)
             write_npz(folder / "voxels.npz", arrays, density | {"edge": "m", "origin": "m"})
             cells = Cells.around(arrays["cell"].astype(np.int64), keep.voxels)
     for sensor in settings.sensors:
-        _observe(work, sensor, settings, observer, keep, (cells, forest))
+        _observe(stages, folder, record, sensor, settings, observer, keep, (cells, forest))
     if settings.plantings and not len(forest.stand):
-        work.empty["forest"] = "no tree stands: expect more, or a larger field"
-    with work.stage("write"):
+        record["empty"]["forest"] = "no tree stands: expect more, or a larger field"
+    with stages.stage("write"):
         _write_blender(settings, keep, folder, observer, forest)
         write_settings(folder / "scene.toml", settings)
-        record = {
+        record |= {
             "scene": recipe.number,
             "split": recipe.split,
             "seed": recipe.seed,
@@ -192,14 +175,12 @@ def make(
             "leaves": int(sum(table["leaves"])),
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
-            "points": work.points,
-            "empty": work.empty,
             "engine": observer.caster.engine,
             "variants": _digests(forest),
         }
-    with work.stage("digest"):
+    with stages.stage("digest"):
         finish(folder, root, record)
-    return work.seconds
+    return stages.seconds
 
 
 def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
@@ -231,28 +212,30 @@ def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
 
 
 def _observe(
-    work: _Making,
+    stages: Stages,
+    folder: Path,
+    record: dict[str, Any],
     sensor: Any,
     settings: Scene,
     observer: Observer,
     keep: Keep,
     truth: tuple[Cells | None, GrownForest],
 ) -> None:
-    """Run one sensor, write what it found, and what it could not see."""
-    folder, (cells, forest) = work.folder, truth
-    with work.stage(OBSERVING):
+    """Run one sensor, write what it found, and what it could not see; fill the scene's record on."""
+    cells, forest = truth
+    with stages.stage(OBSERVING):
         way = observer.way(sensor, folder)
         result = observer.observe(sensor, settings, None, folder, way)
         empty = observer.empty(sensor, settings, result, folder, way)
         if empty:
-            work.empty[sensor.name] = empty
-    with work.stage("write"):
+            record["empty"][sensor.name] = empty
+    with stages.stage("write"):
         is_cloud = results_of(sensor).is_cloud
         if not is_cloud or keep.clouds != "npz":
             write_finding(folder, sensor, result, Offset.of(settings))
         if not is_cloud:
             return
-        work.points[sensor.name] = len(result)
+        record["points"][sensor.name] = len(result)
         if keep.clouds != "laz":
             path = folder / f"{sensor.name}-points.npz"
             write_rows(path, records(result, settings.offset), packed=False)
@@ -260,7 +243,7 @@ def _observe(
             order = orders_of(result.returns, observer.geometry, forest)
             path = folder / f"{sensor.name}-forinstance.laz"
             write_for_instance(path, result, order, settings.plantings, settings.offset)
-    with work.stage("occlusion"):
+    with stages.stage("occlusion"):
         observer.prepare(sensor, way)
         scan = lidar.Scan(sensor, observer.eyes(sensor), settings.seed, way)
         if keep.occlusion and cells is not None:

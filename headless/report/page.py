@@ -32,7 +32,6 @@ from forest_addon.formats.raster_file import write_png
 from forest_addon.results.kind import Finding as SensorFinding, facts, of_forest
 from forest_addon.results.kinds import results_of
 from forest_addon.sensing.audit import Audit
-from forest_addon.sensing.kind import Seen
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.rays.boxes import morton
 from forest_addon.sensing.rays.geometry import apply_transform
@@ -222,21 +221,6 @@ def goodness_finding(found: Goodness, picture: Path | None) -> Finding:
             "stand in twenty lies beyond it by chance.",
         ),
         picture,
-    )
-
-
-def finding_of(sensor: Sensor, found: Any, picture: Path | None, seen: Seen) -> Finding:
-    """Finding of a sensor in a scene, for the report."""
-    record = results_of(sensor)
-    figures = record.figures(sensor, found, seen)
-    return Finding(
-        record.title(sensor),
-        record.story(sensor, found),
-        facts(figures),
-        record.notes(sensor, found),
-        picture,
-        octaves={each.name: each.by_octave for each in figures if each.name and each.by_octave},
-        warnings=record.doubts(sensor, found),
     )
 
 

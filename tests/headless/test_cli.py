@@ -299,7 +299,7 @@ def test_a_thinned_forest_is_not_called_poisson_alone():
 
 def test_what_is_said_beside_a_bar_begins_its_line(monkeypatch, capsys):
     """The terminal's line is what follows the last return to its begin."""
-    monkeypatch.setattr(progress, "DELAY", 0.01)
+    monkeypatch.setitem(progress.BAR, "delay", 0.01)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     stages = progress.Stages(quiet=False)
     with stages.stage("scan") as shown:

@@ -29,7 +29,7 @@ from forest_addon.blender.read.inputs import read_painted
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.sensing.kinds import KINDS
 from forest_addon.spec.base import Settings, param_of
-from forest_addon.spec.choices import ADVANCED, APPLIES, GIVEN, LEFT_OUT
+from forest_addon.spec.choices import ADVANCED, APPLIES, GIVEN, LEFT_OUT, applies
 from forest_addon.ui import overlay, properties
 from forest_addon.ui.forest import hand, panels as forest_panels
 from forest_addon.ui.results.finding import OF_TREES
@@ -206,7 +206,8 @@ def test_a_reverb_is_not_a_wall_of_fields(small):
             usual = getattr(group, prop.identifier)
             if value is not None:
                 setattr(group, prop.identifier, value)
-            fields = [n for n in group.shown if n not in hidden and drawing.is_shown(group, n)]
+            shown = [n for n in drawing._by_depth(type(group))[1] if applies(group, n)]
+            fields = [n for n in shown if n not in hidden]
             fields += ["location", "receiver", "rotation"]
             assert len(fields) <= 10, (prop.identifier, value, fields)
             if value is not None:

@@ -33,7 +33,6 @@ from .instances import (
     SPECIES_KEY,
     STOOD_KEY,
     TREE_KEY,
-    note_stood,
     points_mesh,
     ranks,
     told_of_tree,
@@ -50,6 +49,7 @@ from .layout import (
     adopt,
     all_or_nothing,
     find_part,
+    grove,
     is_ours,
     part,
 )
@@ -180,8 +180,9 @@ def build(
         libraries = part(scene, VARIANTS), part(scene, OUTLINES)
         give_instancer(things[POINTS_ROLE], *libraries, light=light)
         things[POINTS_ROLE][LEVEL_KEY] = ready.level(forest).most
-    if labels:
-        note_stood(scene, forest)
+    for planting, label in enumerate(labels):  # where its trees were planted
+        places = forest.stand.position[forest.stand.species == planting, :2]
+        grove(scene, label)[STOOD_KEY] = places.ravel().tolist()
     if GROUND_ROLE in things:
         show_near(things[GROUND_ROLE], settings.forest, terrain)
     _stands[scene.session_uid] = weakref.ref(forest)

@@ -37,7 +37,6 @@ from .layout import (
     all_or_nothing,
     by_role,
     find_part,
-    grove,
     groves,
     objects_in,
     within_reach,
@@ -343,13 +342,6 @@ def told_of_tree(forest: GrownForest, tree: int) -> list[float]:
     place = stand.position[tree, :2].tolist()
     size = [float(stand.rotation[tree]), float(stand.scale[tree])]
     return [*place, *size, float(stand.variant[tree] % COARSE), float(diameter)]
-
-
-def note_stood(scene: bpy.types.Scene, forest: GrownForest) -> None:
-    """Have the collection of each planting say where its trees were planted."""
-    for planting, label in enumerate(forest.labels):
-        places = forest.stand.position[forest.stand.species == planting, :2]
-        grove(scene, label)[STOOD_KEY] = places.ravel().tolist()
 
 
 def note_change(tree: StoodTree, variant: int) -> None:

@@ -89,7 +89,7 @@ def adopt(scene: bpy.types.Scene) -> None:
     if top is None:
         return
     copied = not is_ours(top) and stem(top.name) == stem(top[MADE_KEY])
-    for home in (top, *_below(top)) if copied else ():
+    for home in (top, *below(top)) if copied else ():
         if MADE_KEY in home and is_local(home):
             own(home)
     things = within_reach(scene)
@@ -201,14 +201,14 @@ def grove(scene: bpy.types.Scene, label: str) -> bpy.types.Collection:
 
 def groves(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """The collections of plantings below *Trees*."""
-    collections = _below(part(scene, TREES), root(scene))
+    collections = below(part(scene, TREES), root(scene))
     return [home for home in collections if is_local(home) and (ROLE_KEY in home or is_ours(home))]
 
 
 def within_reach(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The objects of a scene but for those of another scene's forest that is shown there too."""
     top = root(scene)
-    others = [home for home in _below(scene.collection) if ROOT_KEY in home and home != top]
+    others = [home for home in below(scene.collection) if ROOT_KEY in home and home != top]
     theirs = {obj for home in others for obj in objects_in(home)}
     return [obj for obj in scene.objects if obj not in theirs]
 
@@ -218,7 +218,7 @@ def objects_in(top: bpy.types.Collection) -> list[bpy.types.Object]:
 
     Blender's own list of them, ``all_objects``, may have objects that an undo removed: reading it crashes.
     """
-    homes = (top, *_below(top))
+    homes = (top, *below(top))
     return list(dict.fromkeys(obj for home in homes for obj in home.objects))
 
 
@@ -234,10 +234,10 @@ def _find(
 ) -> bpy.types.Collection | None:
     """The collection below another that has a property of this value: ours, else one that was renamed.
 
-    own : the root of the forest that it is to belong to, see ``_below``.
+    own : the root of the forest that it is to belong to, see ``below``.
     """
     renamed = None
-    for collection in _below(top, own):
+    for collection in below(top, own):
         if collection.get(key) == value and is_local(collection):
             if is_ours(collection):
                 return collection
@@ -245,7 +245,7 @@ def _find(
     return renamed
 
 
-def _below(
+def below(
     top: bpy.types.Collection, own: bpy.types.Collection | None = None
 ) -> Iterator[bpy.types.Collection]:
     """Collections below another, the nearest first.

@@ -11,7 +11,7 @@ pose is made of is not shown in the panel again (``posed`` of its kind).
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from typing import Any
 
 import bpy
@@ -19,7 +19,7 @@ import numpy as np
 
 from ...sensing.kinds import KINDS
 from ...spec import Sensor, SpecError
-from ..scene.layout import ROOT_KEY, SENSORS, find_part, is_local, part, root, shortest
+from ..scene.layout import SENSORS, below, find_part, is_local, part, root, shortest
 
 KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kind
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
@@ -125,9 +125,10 @@ def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
     Those that are linked from another file, and those of another scene's forest, are not among them.
     """
+    top = scene.collection
     sensors = {
         obj
-        for home in _homes(scene)
+        for home in (top, *below(top, root(scene) or top))
         for obj in home.objects
         if (KIND_KEY in obj and kind_of(obj) in KINDS and obj.type in BODIES and is_local(obj))
     }
@@ -177,17 +178,6 @@ def _left_behind(scene: bpy.types.Scene, obj: bpy.types.Object) -> list[bpy.type
     """Needs of a sensor that the scene does not hold: its receiver, its path."""
     needed = (_held(obj, RECEIVER_KEY), _held(obj, PATH_KEY))
     return [one for one in needed if one is not None and scene.objects.get(one.name) != one]
-
-
-def _homes(scene: bpy.types.Scene) -> Iterator[bpy.types.Collection]:
-    """The collections of a scene but for those of other scenes' forests."""
-    top, waiting = root(scene), [scene.collection]
-    while waiting:
-        home = waiting.pop()
-        if ROOT_KEY in home and home != top:
-            continue
-        yield home
-        waiting.extend(home.children)
 
 
 def place(obj: bpy.types.Object, settings: Sensor) -> None:

@@ -19,14 +19,12 @@ from ..settings.drawing import (
     draw_reference,
     draw_settings,
     is_narrow,
-    is_shown,
     name_in,
     rows,
     split,
 )
 from ..settings.exchange import forestless
 from ..settings.presets import draw_presets
-from ..settings.references import draw_notice
 from ..shell import running
 from ..shell.running import current, draw_job, panel
 from ..shell.views import chosen, chosen_planting
@@ -213,7 +211,9 @@ def forest(tab: bpy.types.Panel, context: Context) -> None:
         missing = running.packages_in_words(running.missing())
         _draw_warning(layout, (missing, *running.WHAT_TO_DO)).alert = True
     if props.notice:
-        draw_notice(layout, props)
+        row = layout.row(align=True)  # what happened to this file, and what takes the line away
+        row.label(text=props.notice.partition(":")[0], icon="INFO")
+        row.operator("forest.take_note", text="", icon="X")
     if context.scene.unit_settings.scale_length != 1:
         _draw_warning(layout, UNIT)
     if forestless(props):
@@ -358,10 +358,7 @@ def by_hand(tab: bpy.types.Panel, context: Context) -> None:
 @panel("Spacing", OfForest)
 def spacing(tab: bpy.types.Panel, context: Context) -> None:
     layout, field = tab.layout, _props(context).forest
-    column = split(layout)
-    for name in ("spacing", "spacing_rule"):
-        if is_shown(field, name):
-            draw_field(column, field, name)
+    draw_settings(split(layout), field, {*field.shown} - {"spacing", "spacing_rule"})
     layout.label(text="Between Two Species")
     draw_listed(layout, field, "distances", "distance")
 

@@ -44,10 +44,10 @@ from .keep import (
     blocks_of,
     hold_frame,
     let_go,
+    said_of,
     set_figures,
     set_legend,
     show_result,
-    tell_again,
 )
 
 MOST = 2**30  # bytes of a result; Blender's files hold no text of twice as many
@@ -229,7 +229,9 @@ def note_figures(context: bpy.types.Context, name: str, figures: Words) -> None:
     """Add figures to a result, or change them, where it is kept for this frame as well."""
     result = context.scene.forest_sensing.results[name]
     _set_figures(result, figures)
-    tell_again(result, context.scene.frame_current)
+    for each in result.frames:
+        if each.frame == context.scene.frame_current:
+            each.said = said_of(result)
 
 
 def _set_figures(result: Any, figures: Words) -> None:

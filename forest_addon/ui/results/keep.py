@@ -42,18 +42,11 @@ def hold_frame(result: Any, frame: int, sound: bpy.types.Sound | None) -> None:
         at = sum(number < frame for number in numbers)
         result.frames.move(len(numbers), at)
         item = result.frames[at]
-    item.frame, item.said, item.found = frame, _said_of(result), result.found
+    item.frame, item.said, item.found = frame, said_of(result), result.found
     item.points, item.picture, item.sound = points, result.picture, sound
 
 
-def tell_again(result: Any, frame: int) -> None:
-    """Note what a result says by now, where it is kept for this frame."""
-    for each in result.frames:
-        if each.frame == frame:
-            each.said = _said_of(result)
-
-
-def _said_of(result: Any) -> str:
+def said_of(result: Any) -> str:
     """Figures and legend of a result as one text: hundreds of frames have hundreds of lines each."""
     figures = [(each.name, each.value, each.made_of) for each in result.figures]
     legend = [(each.name, each.choice, *each.colour) for each in result.legend]
@@ -115,7 +108,7 @@ def _to_frame(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
             if each.picture is not None and result.picture != each.picture:
                 result.picture = each.picture
             result.found = each.found
-            if each.said and each.said != _said_of(result):  # nothing, in files of before
+            if each.said and each.said != said_of(result):  # nothing, in files of before
                 figures, legend = json.loads(each.said)
                 result.figures.clear()
                 set_figures(result, figures)

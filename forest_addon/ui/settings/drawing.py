@@ -128,14 +128,6 @@ def draw_settings(
             draw_field(layout, group, name)
 
 
-def is_shown(group: Any, name: str) -> bool:
-    """Return whether a setting is shown beside what the others are set to, at the depth that is chosen."""
-    if not applies(group, name):
-        return False
-    every, basic = _by_depth(type(group))
-    return every is basic or name in basic or bpy.context.scene.forest_sensing.advanced
-
-
 @functools.cache
 def _by_depth(kind: type) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the settings of a class, all and the basic ones; the same tuple where all are basic."""

@@ -293,13 +293,6 @@ def take_note(_button: Button, context: bpy.types.Context) -> str:
     return ""
 
 
-def draw_notice(panel: bpy.types.UILayout, props: Any) -> None:
-    """One line of what happened to this file, with the button that takes it away."""
-    row = panel.row(align=True)
-    row.label(text=props.notice.partition(":")[0], icon="INFO")
-    row.operator("forest.take_note", text="", icon="X")
-
-
 def register() -> None:
     """Look at the file that is open by now."""
     bpy.app.timers.register(_look_at_all, first_interval=0.0)

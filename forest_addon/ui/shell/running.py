@@ -361,7 +361,9 @@ class Working(WhenReady):
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         try:
-            with _in_scene(context, *self._begun_in):
+            scene, name = self._begun_in  # the window may show others by now
+            layer = scene.view_layers.get(name) or scene.view_layers[0]
+            with context.temp_override(scene=scene, view_layer=layer):
                 done = job.step()
         except Exception as problem:
             job.cancel()
@@ -484,19 +486,6 @@ def _how_it_ended(job: Job) -> str:
         return say("{job} was cancelled; nothing was changed", job=job.title)
     kept = ", ".join(dict.fromkeys(job.kept))
     return say("{job} was cancelled; what was done stays: {kept}", job=job.title, kept=kept)
-
-
-@contextmanager
-def _in_scene(context: bpy.types.Context, scene: bpy.types.Scene, layer: str) -> Iterator[None]:
-    """The scene and view layer in which a job was begun; the window may show others by now.
-
-    Raises
-    ------
-    ReferenceError : the scene was removed.
-    """
-    layers = scene.view_layers
-    with context.temp_override(scene=scene, view_layer=layers.get(layer) or layers[0]):
-        yield
 
 
 @contextmanager
