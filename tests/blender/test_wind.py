@@ -21,7 +21,8 @@ from forest_addon.blender.scene import layout
 from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.scene.meshes import from_mesh
 from forest_addon.blender.scene.nodes import show_as
-from forest_addon.blender.show.wind import hide_wind, is_wind, show_wind, shows_wind
+from forest_addon.blender.scene.placing import hide_wind, is_wind, wind_home
+from forest_addon.blender.show.wind import show_wind
 from forest_addon.growth.sway.shape import _nearest
 from forest_addon.sensing.moving import KNOTS, WINDOWS, MovingScene, split_pieces
 from forest_addon.sensing.moving_rays import MovingCaster, exactly
@@ -530,11 +531,11 @@ def test_it_goes_without_a_trace():
     kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections)
     before = [sorted(block.name for block in kind) for kind in kinds]
     show_wind(place, sway, KNOTS)
-    assert shows_wind(place)
+    assert wind_home(place)
     show_wind(place, sway, KNOTS)
     hide_wind(place)
     assert [sorted(block.name for block in kind) for kind in kinds] == before
-    assert not shows_wind(place)
+    assert not wind_home(place)
     assert not seen(place)
 
 

@@ -26,7 +26,6 @@ from ...growth.mesh.stand_in import Level, level_for, stand_in
 from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
 from ...stand.intensity.surface import Flat, GroundSurface
-from ..show.wind import hide_wind
 from . import materials
 from .assets import Told, Variant, draw, tell_variants, untold
 from .instances import (
@@ -55,7 +54,7 @@ from .layout import (
 )
 from .meshes import ground_mesh, to_mesh
 from .nodes import LEVEL_KEY, give_instancer, instancer_group, show_near
-from .placing import Coat, KeptStanding, WantedObject, fingerprint, put
+from .placing import Coat, KeptStanding, WantedObject, fingerprint, hide_wind, put
 
 DRAWABLE = 5_000_000  # triangles of all stand-ins of a forest together, which a graphics card draws at once
 

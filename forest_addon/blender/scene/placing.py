@@ -30,7 +30,9 @@ from .layout import (
     CLOUD_KEY,
     DATA_KEY,
     LIBRARIES,
+    MADE_KEY,
     PARTS,
+    POINTS_ROLE,
     ROLE_KEY,
     SHAPE_KEY,
     TREES,
@@ -39,6 +41,7 @@ from .layout import (
     grove,
     groves,
     is_ours,
+    objects_in,
     own,
     part,
     root,
@@ -47,7 +50,13 @@ from .layout import (
     within_reach,
 )
 from .materials import STYLE_KEY, Colour, recolour
+from .nodes import VIEW_KEY
 
+WIND = "Wind"  # the collection of what shows trees in the wind, their modifiers and groups
+ROW = "wind row"  # of a tree that is a point: its place among those that sway, from 1 on; 0: it stands still
+KNOTS = "first knot"
+OF_FULL, OF_LIGHT = ("wind first", "wind pieces"), ("wind first light", "wind pieces light")
+WIND_COLUMNS = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
 TOLD_KEY = "forest_told"  # the shape of the mesh that says what its tree measures
 OF_SHAPE = {*MEASURES, TOLD_KEY}  # custom properties that another shape does not take over
 
@@ -296,3 +305,38 @@ def _tell(obj: bpy.types.Object, want: WantedObject) -> None:
             obj.matrix_world = matrix
         else:  # it goes along with what the user has tied it to
             obj.matrix_basis = matrix
+
+
+def hide_wind(scene: bpy.types.Scene) -> None:
+    """Let trees stand at rest again; what was made to show wind goes."""
+    for obj in scene.objects:
+        for modifier in [m for m in obj.modifiers if is_wind(m)]:
+            obj.modifiers.remove(modifier)
+            if obj.get(ROLE_KEY) == POINTS_ROLE:
+                for name in WIND_COLUMNS:
+                    attribute = obj.data.attributes.get(name)
+                    if attribute is not None:
+                        obj.data.attributes.remove(attribute)
+    top = wind_home(scene)
+    if top is None:
+        return
+    things = objects_in(top)
+    data = {obj.data for obj in things}
+    homes = [*top.children, top]
+    bpy.data.batch_remove(things)
+    bpy.data.batch_remove(list(data))
+    bpy.data.batch_remove(homes)
+
+
+def is_wind(modifier: bpy.types.Modifier) -> bool:
+    """Return whether a modifier shows a tree in the wind."""
+    group = modifier.node_group if modifier.type == "NODES" else None
+    return group is not None and group.get(VIEW_KEY) == WIND
+
+
+def wind_home(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """The collection of what was made to show wind, None where it is not shown."""
+    above = root(scene) or scene.collection
+    return next(
+        (c for c in above.children if c.get(MADE_KEY) == WIND and is_ours(c)), None
+    ) or next((c for c in above.children if str(c.get(MADE_KEY, "")).startswith(f"{WIND}.")), None)

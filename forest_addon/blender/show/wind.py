@@ -25,15 +25,11 @@ from ...sensing.moving import split_pieces
 from ..scene.attributes import mesh_of_points, read, write
 from ..scene.instances import TREE_KEY, library_of
 from ..scene.layout import (
-    MADE_KEY,
     OUTLINES,
-    POINTS_ROLE,
-    ROLE_KEY,
     TREES,
     VARIANTS,
     all_or_nothing,
     find_part,
-    is_ours,
     make_collection,
     make_object,
     objects_in,
@@ -52,6 +48,7 @@ from ..scene.nodes import (
     show_as,
     shown_of,
 )
+from ..scene.placing import KNOTS, OF_FULL, OF_LIGHT, ROW, WIND, WIND_COLUMNS, hide_wind
 
 if TYPE_CHECKING:
     from ...stand.wind import ForestSway
@@ -61,7 +58,7 @@ WIND_KEY = "forest_wind"  # of the group that moves pieces
 MANY_KEY = "forest_wind_many"  # of the group that shows trees that are points
 MODES, COLUMNS = 12, 4
 OUT = "Tree", ""  # what comes out of a group
-TREE, PIECE, KNOTS, MAP = "tree", "piece", "first knot", "map"  # attributes of pieces
+TREE, PIECE, MAP = "tree", "piece", "map"  # attributes of pieces, with KNOTS
 TABLE, LAST, FIRST, KNOT = "Table", "Last Knot", "First Frame", "Knots"
 MOVING = (
     ("Pieces", "Geometry", "A point for every piece of every tree"),
@@ -79,8 +76,6 @@ SHOWING = (
 )
 AMPLITUDES, STAND = "wind now", "wind stand"  # attributes of trees that are points, while nodes run
 FULL, LIGHT, DOTS = "Full", "Light View", "Dots"
-ROW = "wind row"  # of a tree that is a point: its place among those that sway, from 1 on; 0: it stands still
-OF_FULL, OF_LIGHT = ("wind first", "wind pieces"), ("wind first light", "wind pieces light")
 MANY = (
     ("Tree", "Geometry", "The trees at rest"),
     (LIGHT, "Bool", "Stand-ins sway in views; renders show trees"),
@@ -91,7 +86,6 @@ MANY = (
     (f"{SHAPES} {LIGHT}", "Collection", "Meshes of the pieces of stand-ins"),
     *MOVING[1:],
 )
-OWN = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
 
 
 @dataclass(frozen=True)
@@ -181,7 +175,7 @@ def show_on_points(
     row_of = [number.get(one, -1) for one in tree.tolist()]
     moving = [k for k, row in enumerate(row_of) if row in amplitudes]
     rows, count = [row_of[k] for k in moving], int(clock[LAST]) + 2
-    told = {name: np.zeros(len(tree), np.int64) for name in OWN}
+    told = {name: np.zeros(len(tree), np.int64) for name in WIND_COLUMNS}
     told[ROW][moving] = 1 + np.arange(len(moving))
     told[KNOTS][moving] = count * np.arange(len(moving))
     given = {TABLE: make_object("Wind Table", table_of(amplitudes, rows, count), top)}
@@ -221,7 +215,6 @@ def _coats(
     return list(own.data.materials) if isinstance(own, bpy.types.Object) and own.data else []
 
 
-HOME = "Wind"
 MOST, MOST_POINTS = 1000, 5000  # trees that are objects, and points
 SPARE = 1.0  # s after the last frame that the table still has, for motion blur
 MOST_SECONDS = 600.0  # that a table may have
@@ -250,10 +243,10 @@ def show_wind(
     hide_wind(scene)
     clock = {LAST: count - 2, FIRST: scene.frame_start, KNOT: knots / rate}
     with all_or_nothing():
-        top = make_collection(HOME, root(scene) or scene.collection)
+        top = make_collection(WIND, root(scene) or scene.collection)
         top.hide_viewport = top.hide_render = True
         if instancer is not None:
-            made = show_on_points(scene, instancer, sway, amplitudes, clock, top, HOME)
+            made = show_on_points(scene, instancer, sway, amplitudes, clock, top, WIND)
         else:
             made = _show_on_objects(trees, sway, amplitudes, clock, top)
     return replace(made, seconds=(scene.frame_end - scene.frame_start) / rate)
@@ -324,58 +317,18 @@ def _show_on_objects(
     told = {TREE: tree, PIECE: piece, KNOTS: tree * count}
     data = pieces_mesh(np.concatenate(maps) if maps else np.zeros((0, 12, 3, 4)), told)
     pieces = make_object("Wind Pieces", data, top)
-    modifier = pieces.modifiers.new(HOME, "NODES")
+    modifier = pieces.modifiers.new(WIND, "NODES")
     modifier.node_group = marked(WIND_KEY, True) or _moving()
     for name, value in (given | clock).items():
         set_input(modifier, name, value)
     for place, (obj, _) in enumerate(moving):
-        modifier = obj.modifiers.new(HOME, "NODES")
+        modifier = obj.modifiers.new(WIND, "NODES")
         # the file's group that shows a tree's pieces, made where there is none
-        groups = (g for g in bpy.data.node_groups if g.get(VIEW_KEY) == HOME and MANY_KEY not in g)
-        modifier.node_group = next(groups, None) or _showing(HOME)
+        groups = (g for g in bpy.data.node_groups if g.get(VIEW_KEY) == WIND and MANY_KEY not in g)
+        modifier.node_group = next(groups, None) or _showing(WIND)
         for name, value in {PIECES: pieces, SHAPES: shapes[place], NUMBER: place}.items():
             set_input(modifier, name, value)
     return WindShown(len(moving), len(found) - len(moving), len(tree), 0.0)
-
-
-def hide_wind(scene: bpy.types.Scene) -> None:
-    """Let trees stand at rest again; what was made to show wind goes."""
-    for obj in scene.objects:
-        for modifier in [m for m in obj.modifiers if is_wind(m)]:
-            obj.modifiers.remove(modifier)
-            if obj.get(ROLE_KEY) == POINTS_ROLE:
-                for name in OWN:
-                    attribute = obj.data.attributes.get(name)
-                    if attribute is not None:
-                        obj.data.attributes.remove(attribute)
-    top = _home(scene)
-    if top is None:
-        return
-    things = objects_in(top)
-    data = {obj.data for obj in things}
-    homes = [*top.children, top]
-    bpy.data.batch_remove(things)
-    bpy.data.batch_remove(list(data))
-    bpy.data.batch_remove(homes)
-
-
-def shows_wind(scene: bpy.types.Scene) -> bool:
-    """Return whether trees of a scene sway in views."""
-    return _home(scene) is not None
-
-
-def is_wind(modifier: bpy.types.Modifier) -> bool:
-    """Return whether a modifier shows a tree in the wind."""
-    group = modifier.node_group if modifier.type == "NODES" else None
-    return group is not None and group.get(VIEW_KEY) == HOME
-
-
-def _home(scene: bpy.types.Scene) -> bpy.types.Collection | None:
-    """The collection of what was made to show wind, None where it is not shown."""
-    above = root(scene) or scene.collection
-    return next(
-        (c for c in above.children if c.get(MADE_KEY) == HOME and is_ours(c)), None
-    ) or next((c for c in above.children if str(c.get(MADE_KEY, "")).startswith(f"{HOME}.")), None)
 
 
 def amplitude_name(first: int) -> str:

@@ -142,9 +142,9 @@ def _show_wind(_pressed: bpy.types.Operator, context: bpy.types.Context) -> Work
 @button("Hide Wind", Button, bl_options={"UNDO"})
 def hide_wind(_button: Button, context: bpy.types.Context) -> str:
     """Let the trees stand at rest in views and renders"""
-    from ...blender.show import wind
+    from ...blender.scene.placing import hide_wind
 
-    wind.hide_wind(context.scene)
+    hide_wind(context.scene)
     return ""
 
 
@@ -166,12 +166,12 @@ def _by_usual_name(
 def bake_wind(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
     """Write the forest in the wind, frame by frame, to an Alembic (.abc) or USD file"""
     from ...blender.files.export import bake
-    from ...blender.show.wind import shows_wind
+    from ...blender.scene.placing import wind_home
 
     path = Path(bpy.path.abspath(pressed.filepath))
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(say("Name a file that ends in .abc, .usd, .usda or .usdc"))
-    if not shows_wind(context.scene):
+    if not wind_home(context.scene):
         raise ValueError(say("Press Show Wind first"))
     bake(context.scene, path)
     return say("Wrote {file}", file=path.name)
@@ -179,9 +179,9 @@ def bake_wind(pressed: bpy.types.Operator, context: bpy.types.Context) -> str:
 
 def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The buttons that show wind in views, hide it and write it to a file."""
-    from ...blender.show.wind import shows_wind
+    from ...blender.scene.placing import wind_home
 
-    shown, modifier = shows_wind(scene), forest_of_points(scene)
+    shown, modifier = wind_home(scene), forest_of_points(scene)
     row = layout.row(align=True)
     row.operator(
         "forest.show_wind",
