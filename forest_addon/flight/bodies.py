@@ -123,11 +123,11 @@ def _bat(
     through = state.velocity - wind
     cos, sin = np.cos(state.heading), np.sin(state.heading)
     speed = through[:, 0] * cos + through[:, 1] * sin
-    speed = np.clip(speed + action[:, 2] * (most * dt), flight.slowest, flight.speed)
+    speed = (speed + action[:, 2] * (most * dt)).clip(flight.slowest, flight.speed)
     turn = np.minimum(np.deg2rad(flight.turn_rate_deg), most / np.maximum(speed, 1e-9))
     heading = wrapped(state.heading + action[:, 0] * turn * dt)
     wanted = action[:, 1] * flight.climb
-    rise = through[:, 2] + np.clip(wanted - through[:, 2], -most * dt, most * dt)
+    rise = through[:, 2] + (wanted - through[:, 2]).clip(-most * dt, most * dt)
     velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading), rise], axis=1)
     return _straight(flight, state, velocity, heading, wind)
 
@@ -159,7 +159,7 @@ def _straight(
     """One straight piece at a velocity through the air, the wind added."""
     velocity = through + wind
     place = state.position + velocity * flight.step
-    return replace(state, position=place, velocity=velocity, heading=heading), place[:, None]
+    return State(place, velocity, heading, state.tilt, state.course), place[:, None]
 
 
 def _quadrotor(

@@ -1,8 +1,8 @@
 """Obstacles of flyers in a world: the room around a place, and the first touch along a path.
 
-``room`` bounds the distance to the nearest solid from below and is one look-up for all flyers; only whose
-step does not fit into it is looked at with the triangles themselves (below), so the answer is exact and
-nearly always free. Instances stand in a map of squares.
+``room`` bounds the distance to the nearest solid from below, by a look-up for all flyers, and measures it
+where that is not enough for a step; only whose step does not fit into it is looked at along its way (below),
+so the answer is exact and nearly always free. Instances stand in a map of squares.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from ..base.rows import distinct, lengths
 from ..base.runs import numbered
 from ..base.trimesh import LEAF, TriMesh, is_wood
-from ..base.vectors import nearest_on_triangles, winding_number
+from ..base.vectors import cross_rows, nearest_on_triangles, winding_number
 from ..growth.own_tree.centreline import find_centrelines
 from ..growth.own_tree.pieces import part
 from ..sensing.rays.boxes import swept
@@ -22,19 +22,23 @@ from ..sensing.rays.geometry import SceneGeometry, apply_transform, invert_trans
 
 SQUARE = 2.0  # metres, of the map of what may be near
 REACH = 2.0  # metres, beyond which room is not told
-LONGEST = 0.5  # metres of a way that are looked at together
+LONGEST = 0.5  # metres of a way, or around a place, that are looked at together
 AT_ONCE = 64  # such pieces of a way
 
 
 def touched(
     obstacles: MeshObstacles, start: np.ndarray, end: np.ndarray, radius: float
-) -> np.ndarray:
-    """(N,) shares of ways (N, 3) to (N, 3) at which spheres first touch; ``inf``: never."""
-    share = np.full(len(start), np.inf)
-    rows = (lengths(end - start) + radius > obstacles.room(start)).nonzero()[0]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) shares of ways (N, 3) to (N, 3) at which spheres first touch, ``inf``: never; and metres around
+    the middles of these in which surely nothing stands, -1 where the sphere does not stay in there.
+    """
+    share, reach = np.full(len(start), np.inf), lengths(end - start) / 2 + radius
+    room = obstacles.room((start + end) / 2, reach)
+    rows = (reach > room).nonzero()[0]
     if len(rows):
         share[rows] = obstacles.touch(start[rows], end[rows], radius)
-    return share
+        room[rows] = -1.0
+    return share, room
 
 
 class MeshObstacles:
@@ -104,8 +108,21 @@ class MeshObstacles:
         """Return them as they stand at a time, s."""
         return self
 
-    def room(self, place: np.ndarray) -> np.ndarray:
-        """(N,) metres around places (N, 3) in which surely nothing stands; at most ``REACH``."""
+    def room(self, place: np.ndarray, wanted: np.ndarray | float = 0.0) -> np.ndarray:
+        """(N,) metres around places (N, 3) in which surely nothing stands; at most ``REACH``. Where cells
+        tell of less than is wanted (N,), up to ``LONGEST``, it is measured.
+        """
+        room = self._bound(place)
+        rows = ((room < wanted) & (wanted <= LONGEST)).nonzero()[0]
+        if len(rows):
+            which, corners = self._around(place[rows], place[rows], LONGEST)
+            measured = np.full(len(rows), LONGEST)
+            np.minimum.at(measured, which, distances(place[rows[which]], corners) * (1 - 1e-9))
+            room[rows] = measured
+        return room
+
+    def _bound(self, place: np.ndarray) -> np.ndarray:
+        """(N,) what cells tell of ``room``."""
         if not len(self._mesh):
             return np.full(len(place), REACH)
         near = self._near(place)  # (N, K)
@@ -231,8 +248,10 @@ class MeshObstacles:
             ((self._low <= place + slack) & (self._high >= place - slack)).all(axis=1).nonzero()[0]
         )
         for which in met:
-            item = np.arange(*self._shift[self._mesh[which] : self._mesh[which] + 2])
-            own_place = apply_transform(self._to_local[which], place)
+            own_place, solid = apply_transform(self._to_local[which], place), self._mesh[which]
+            if not (slack or self._solids[solid].may_enclose(own_place)):
+                continue
+            item = np.arange(*self._shift[solid : solid + 2])
             if winding_number(own_place, self._own(np.full(len(item), which), item)) > 0.5:
                 return True
         return False
@@ -302,6 +321,10 @@ class Solid:
     def __init__(self, mesh: TriMesh, thinnest: float) -> None:
         self.corners = mesh.vertices[mesh.triangles[stopping(mesh, thinnest)]]
         self.empty = not len(self.corners)
+        first, second, third = self.corners.transpose(1, 0, 2)
+        self._area = lengths(cross_rows(second - first, third - first)) / 2
+        self._middle = self.corners.mean(axis=1)
+        self._size = np.linalg.norm(self.corners - self._middle[:, None], axis=2).max(axis=1)
         points = self.corners.reshape(-1, 3)
         ends = np.zeros((1, 3)) if self.empty else points
         self.box = ends.min(axis=0), ends.max(axis=0)
@@ -318,6 +341,13 @@ class Solid:
         )
         bound = np.maximum(away - np.sqrt(3) * self.cell, 0.0)
         self.room = (bound * (1 - 1e-6)).astype(np.float32)
+
+    def may_enclose(self, place: np.ndarray) -> bool:
+        """Return whether its triangles may fill half of all directions from a place (3,): each fills at most
+        its area over the square of the least distance.
+        """
+        away = np.maximum(lengths(self._middle - place) - self._size, 1e-9)
+        return bool((self._area / away**2).sum() > 0.99 * 2 * np.pi)
 
     def _file(self) -> None:
         """Write every triangle into the cells that its box overlaps."""

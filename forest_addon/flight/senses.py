@@ -95,6 +95,7 @@ class LidarSense:
         self._sweep = Sweep(scanner, through([Pose()]))
         self.rays = self._sweep.count
         self.ways, _, _ = self._sweep.ways(np.arange(self.rays))
+        self._after = np.arange(self.rays) / scanner.pulse_rate
         level = np.flatnonzero(np.abs(self.ways[:, 2]) < 0.3)
         self.level = level, np.arctan2(self.ways[level, 1], self.ways[level, 0])
         beam, surfaces = scanner.beam, scanner.surfaces
@@ -132,9 +133,9 @@ class LidarSense:
         ways = np.einsum("njk,rk->nrj", turn, self.ways).reshape(-1, 3)
         origins = np.repeat(state.position, self.rays, axis=0)
         most = self.scanner.max_range
-        when = time[:, None] + np.arange(self.rays) / self.scanner.pulse_rate
-        distance = around.caster.cast(origins, ways, most, time=when.ravel()).distance
-        distance[~((distance >= self.scanner.min_range) & (distance <= most))] = most
+        when = (time[:, None] + self._after).ravel()
+        distance = around.caster.cast(origins, ways, most, time=when).distance
+        distance[(distance < self.scanner.min_range) | (distance > most)] = most
         return distance.reshape(len(state), self.rays)
 
     def _whole(
@@ -287,7 +288,7 @@ def odometry(
         told[:, first + 1] = cos * vector[:, 1] - sin * vector[:, 0]
         told[:, first + 2] = vector[:, 2]
     told[:, 6:] = state.tilt
-    return np.clip(told, -FARTHEST, FARTHEST, out=told)
+    return told.clip(-FARTHEST, FARTHEST, out=told)
 
 
 def generator(seed: int) -> np.random.Generator:

@@ -67,7 +67,7 @@ class Flyers:
         self.world = world
         count = self.count
         self.state = at_rest(self.flight, np.zeros((count, 3)), np.zeros(count))
-        self.goal, self.from_ = np.zeros((count, 3)), np.zeros((count, 3))
+        self.goal, self._axis = np.zeros((count, 3)), np.zeros((count, 3))
         self.steps, self.flown = np.zeros(count, dtype=np.int64), np.zeros(count)
         self._rngs, self._own = [generator(0)] * count, [0] * count
         self._ball, self._room = np.zeros((count, 3)), np.full(count, -1.0)
@@ -115,12 +115,13 @@ class Flyers:
             begun.append((row, int(seed), rng, place, target, heading))
         for row, seed, rng, place, target, heading in begun:
             self._rngs[row], self._own[row] = rng, seed
-            self.goal[row], self.from_[row] = target, place
+            self.goal[row], self._axis[row] = target, target - place
             self.steps[row], self.flown[row] = 0, 0.0
             self._room[row] = -1.0
             self._air[row] = self._wind(place[None], np.zeros(1))[0]
             fresh = at_rest(flight, place[None], np.array([heading]), self._air[[row]])
             self.state = self.state.put(np.array([row]), fresh)
+        self._length = np.maximum(np.linalg.norm(self._axis, axis=1), 1e-12)
         self._left = self._distance(self.state.position)
 
     def sense(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -169,15 +170,17 @@ class Flyers:
         here, place, way = before.position, after.position, np.zeros(self.count)
         for piece in range(corners.shape[1]):
             there = corners[:, piece]
-            length = lengths(there - here)
-            stops, comes = self._touched(here, there, length), self._arrives(here, there)
+            stops, comes = self._touched(here, there), self._arrives(here, there)
             going = ~(crashed | arrived)
-            hit = going & (stops <= comes) & np.isfinite(stops)
+            hit = going & (stops <= np.minimum(comes, 1.0))
             comes_there = going & (comes < stops)
-            share = np.where(hit, stops, np.where(comes_there, comes, 1.0))
-            ended = (hit | comes_there)[:, None]
-            place = np.where(ended, here + share[:, None] * (there - here), place)
-            way += np.where(going, share * length, 0.0)
+            share = np.minimum(np.minimum(stops, comes), 1.0)
+            way += np.where(going, share * lengths(there - here), 0.0)
+            ended = (hit | comes_there).nonzero()[0]
+            if len(ended):
+                place = place.copy()
+                part = share[ended, None] * (there[ended] - here[ended])
+                place[ended] = here[ended] + part
             crashed |= hit
             arrived |= comes_there
             here = there
@@ -203,43 +206,36 @@ class Flyers:
         )
         return np.asarray(steady + field.at(above, time))
 
-    def _touched(self, here: np.ndarray, there: np.ndarray, length: np.ndarray) -> np.ndarray:
+    def _touched(self, here: np.ndarray, there: np.ndarray) -> np.ndarray:
         """(N,) shares of ways at which flyers touch, ``inf``: not on them. Who stays in the free ball of
-        before, or in that around the middle of its way, is not asked; obstacles that move stand for a step
-        where they are in its middle.
+        before is not asked; obstacles that move stand for a step where they are in its middle.
         """
         radius, obstacles = self.flight.radius, self.world.obstacles
         share = np.full(self.count, np.inf)
-        if obstacles.moves:
-            middle = self.time + 0.5 * self.flight.step
-            for time in np.unique(middle).tolist():
-                rows = np.flatnonzero(middle == time)
-                share[rows] = touched(obstacles.at(time), here[rows], there[rows], radius)
-            return share
         # The ball holds the start of the way too, since that of before ended in it: a ball is convex.
         rows = (lengths(there - self._ball) + radius > self._room).nonzero()[0]
-        if len(rows):
-            middle = (here[rows] + there[rows]) / 2
-            room = obstacles.room(middle)
-            near = length[rows] / 2 + radius > room
-            self._ball[rows], self._room[rows] = middle, np.where(near, -1.0, room)
-            rows = rows[near]
-        if len(rows):
-            share[rows] = obstacles.touch(here[rows], there[rows], radius)
+        when = (self.time[rows] + 0.5 * self.flight.step) * obstacles.moves
+        for time in set(when.tolist()):
+            some = rows[when == time]
+            one, other = here[some], there[some]
+            share[some], room = touched(obstacles.at(time), one, other, radius)
+            self._ball[some] = (one + other) / 2
+            self._room[some] = -1.0 if obstacles.moves else room
         return share
 
     def _arrives(self, here: np.ndarray, there: np.ndarray) -> np.ndarray:
         """(N,) shares of ways at which flyers come to their aim, ``inf``: not on it."""
-        way = there - here
+        way, share = there - here, np.full(self.count, np.inf)
         if self.flight.aim == "heading":
-            axis = self.goal - self.from_
-            left = np.einsum("ni,ni->n", axis, self.goal - here)
-            speed = np.einsum("ni,ni->n", axis, way)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                share = np.where(left <= 0, 0.0, left / speed)
-            return np.where((left <= 0) | ((speed > 0) & (share <= 1)), share, np.inf)
+            left = np.einsum("ni,ni->n", self._axis, self.goal - here)
+            speed = np.einsum("ni,ni->n", self._axis, way)
+            rows = (left <= np.maximum(speed, 0.0)).nonzero()[0]
+            share[rows] = np.where(
+                left[rows] > 0, left[rows] / np.maximum(speed[rows], 1e-300), 0.0
+            )
+            return share
         reached, off = self.flight.reached, here - self.goal
-        distance, share = lengths(off), np.full(self.count, np.inf)
+        distance = lengths(off)
         rows = (distance <= (reached + lengths(way)) * (1 + 1e-9)).nonzero()[0]
         if len(rows):
             share[rows] = first_within(off[rows], way[rows], reached)
@@ -250,10 +246,8 @@ class Flyers:
         """(N,) metres from places to the aims."""
         off: np.ndarray = self.goal - place
         if self.flight.aim == "heading":
-            axis = self.goal - self.from_
-            return np.einsum("ni,ni->n", off, axis) / np.maximum(
-                np.linalg.norm(axis, axis=1), 1e-12
-            )
+            along: np.ndarray = np.einsum("ni,ni->n", off, self._axis)
+            return along / self._length
         return lengths(off)
 
     def _free(self, rng: np.random.Generator) -> np.ndarray:

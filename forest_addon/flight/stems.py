@@ -78,7 +78,7 @@ class PlaneTrunks:
         """Return them as they stand at a time: always alike."""
         return self
 
-    def room(self, place: np.ndarray) -> np.ndarray:
+    def room(self, place: np.ndarray, _wanted: np.ndarray | float = 0.0) -> np.ndarray:
         """(N,) metres around places (N, 3) in which surely nothing stands."""
         if self._tree is None:
             return np.full(len(place), REACH)

@@ -341,9 +341,8 @@ class SwayingObstacles(MeshObstacles):
             return other
         return self
 
-    def room(self, place: np.ndarray) -> np.ndarray:
-        """See ``MeshObstacles``."""
-        room = super().room(place)
+    def _bound(self, place: np.ndarray) -> np.ndarray:
+        room = super()._bound(place)
         return np.maximum(room - self._astray(place), 0.0) if len(self._mesh) else room
 
     def _astray(self, place: np.ndarray) -> float:

@@ -27,7 +27,8 @@
 #define WIDEST 0.1    /* the same */
 #define CLOSE 1.0     /* metres between their origins */
 #define SLANT 1e-3f   /* of each way along each axis, to one side: in a plane of two axes packets lose hits */
-#define COHERENT (1 << 16 | 1 << 1) /* RTCRayQueryFlags, and that the filter is asked */
+#define FILTERED (1 << 1)  /* RTCRayQueryFlags: the filter is asked, */
+#define COHERENT (1 << 16) /* and one pyramid about all rays of a packet is searched */
 #define BAND 8.0f     /* slacks behind a hit, within which another one makes it doubtful */
 #define FLAT 1e-6     /* square of a cosine: nearer to its plane a ray's hit is doubtful */
 #define EDGE 1e-3     /* of a triangle's height, within which of an edge a hit is doubtful */
@@ -202,43 +203,49 @@ static void keep(const struct candidates *met)
     }
 }
 
-/* Sends up to eight rays that are ready: those beside the first as a packet, and alone the others and the doubtful. */
+/* Sends up to eight rays that are ready: those that begin near the first as a packet, which is coherent where three go
+ * side by side, and then of these alone; one by one the others and the doubtful. */
 static void send(const struct cast_scene *scene, struct ray_hit *sent, const int *ready)
 {
+    enum { ALONE, NEAR, BESIDE } kind[LANES], sort;
     char room[4 * LANES * (FIELDS + 1) + 32];
     float *packet = (float *)(room + (32 - (uintptr_t)room % 32) % 32);
     int *valid = (int *)(packet + LANES * FIELDS);
     struct context context = {NONE, NONE, BAND * (float)scene->slack, {0.0f}, {0}};
-    struct arguments arguments = {COHERENT, -1, &context, keep, NULL};
+    struct arguments arguments = {FILTERED, -1, &context, keep, NULL};
     double widest = 0.0;
-    int first = 0, many = 0, together;
+    int first = 0, many[BESIDE + 1] = {0};
     while (first < LANES - 1 && !ready[first])
         first++;
     for (int k = 0; k < LANES; k++) {
         double angle = 0.0, step = 0.0;
-        int beside = ready[k] && scene->steps == 0;
+        int slants = 1;
         for (int a = 0; a < 3; a++) {
             float one = sent[first].way[a], other = sent[k].way[a];
             angle = larger(angle, fabsf(other - one));
             step = larger(step, fabsf(sent[k].origin[a] - sent[first].origin[a]));
-            beside = beside && other * (one < 0.0f ? -1.0f : 1.0f) > SLANT;
+            slants = slants && other * (one < 0.0f ? -1.0f : 1.0f) > SLANT;
         }
-        beside = beside && angle < WIDEST && step < CLOSE;
-        many += beside;
-        widest = beside ? larger(widest, angle) : widest;
-        valid[k] = -beside;
+        kind[k] = !(ready[k] && step < CLOSE) ? ALONE : slants && angle < WIDEST ? BESIDE : NEAR;
+        many[kind[k]]++;
+        widest = kind[k] == BESIDE ? larger(widest, angle) : widest;
         context.best[k] = INFINITY;
         sent[k].id = (uint32_t)k;
     }
-    together = scene->intersect8 != NULL && many >= FEW && widest > NARROW;
-    if (together) {
-        for (int k = 0; k < LANES; k++)
-            for (int n = 0; n < FIELDS; n++)
-                memcpy(packet + LANES * n + k, (float *)&sent[k] + n, sizeof *packet);
-        scene->intersect8(valid, scene->tree, packet, &arguments);
+    sort = many[BESIDE] >= FEW && widest > NARROW ? BESIDE : many[NEAR] + many[BESIDE] >= FEW ? NEAR : ALONE;
+    if (scene->intersect8 == NULL || scene->steps)
+        sort = ALONE;
+    if (sort == BESIDE)
+        arguments.flags |= COHERENT;
+    for (int k = 0; k < LANES && sort; k++) {
+        valid[k] = -(kind[k] >= sort);
+        for (int n = 0; n < FIELDS; n++)
+            memcpy(packet + LANES * n + k, (float *)&sent[k] + n, sizeof *packet);
     }
+    if (sort)
+        scene->intersect8(valid, scene->tree, packet, &arguments);
     for (int k = 0; k < LANES; k++)
-        if (together && valid[k] && !context.doubtful[k])
+        if (sort && valid[k] && !context.doubtful[k])
             for (int n = MET; n < FIELDS; n++)
                 memcpy((float *)&sent[k] + n, packet + LANES * n + k, sizeof *packet);
         else if (ready[k])

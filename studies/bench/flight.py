@@ -79,7 +79,8 @@ def _steps(rays: int, count: int) -> BenchRow:
         for _ in range(STEPS):
             flyers.sense()
             over = np.flatnonzero(flyers.step(action).ended).tolist()
-            flyers.start(over, over)
+            if over:
+                flyers.start(over, over)
 
     return BenchRow(work, checked, STEPS * count)
 

@@ -142,6 +142,23 @@ def test_fans_whose_rays_lie_in_a_plane_are_met_as_rays_alone(seed):
     np.testing.assert_array_equal(caster.cast(origins, ways).distance[order], alone)
 
 
+@given(seed=st.integers(0, 2**32 - 1))
+def test_rays_all_around_a_place_are_met_as_rays_alone(seed):
+    """As a flyer's: 0 along an axis or two, or of any sign, which no pyramid holds together."""
+    rng = stream(seed, "around")
+    scene, count = scene_of(rng), 4000
+    place = scene.transform[rng.integers(len(scene)), :, 3] + rng.normal(size=3)
+    ways = rng.normal(size=(count, 3)) * (rng.random((count, 3)) < rng.choice([0.5, 0.8, 1.0]))
+    origins = place + 10 ** rng.uniform(-9, -0.5) * rng.normal(size=(count, 3))
+    caster = EmbreeCaster(scene)
+    together = caster.cast(origins, ways)
+    caster._described.intersect8 = None
+    alone = caster.cast(origins, ways)
+    other = together.distance != alone.distance
+    other |= (together.triangle != alone.triangle) | (together.instance != alone.instance)
+    assert not other.any()
+
+
 def test_an_embree_without_packets_casts_rays_one_by_one(monkeypatch):
     rng = stream(0, "alone")
     scene = scene_of(rng)

@@ -108,10 +108,7 @@ def test_a_way_back_into_room_of_before_is_looked_at_whole():
     """It begins beyond what was free around the way before, behind a trunk."""
     one = flyers(ALONG, world([[0.0, 0.0]]), lidar=False)
     places = [np.array([place]) for place in ([-1.0, 0, 1.5], [0.0, 1, 1.5], [-0.5, -0.15, 1.5])]
-    shares = [
-        one._touched(here, there, np.linalg.norm(there - here, axis=1))[0]
-        for here, there in pairwise(places)
-    ]
+    shares = [one._touched(here, there)[0] for here, there in pairwise(places)]
     assert shares[0] == np.inf
     met = places[1] + shares[1] * (places[2] - places[1])
     assert np.hypot(*met[0, :2]) == pytest.approx(0.3 + ALONG.radius, abs=1e-9)
@@ -124,6 +121,10 @@ def test_a_trunk_encloses_what_is_within_however_it_stands():
         obstacles = MeshObstacles(scene.take(np.array([number])), solids)
         for own, inside in (([0.25, 0.0, 2.0], True), ([0.25, 0.6, 2.0], False)):
             assert obstacles.encloses(transform @ [*own, 1.0]) is inside
+    assert solids[0].may_enclose(np.array([0.25, 0.0, 2.0]))
+    assert not solids[0].may_enclose(
+        np.array([0.0, 0.0, 60.0])
+    )  # few directions are asked for none
 
 
 def test_a_start_in_a_trunk_is_refused():
@@ -491,7 +492,7 @@ def test_forests_are_met_as_all_their_triangles_are(step):
     start[:20] = scene.transform[:20, :, 3] + rng.uniform(-0.7, 0.7, (20, 3)) + [0, 0, 1]
     way = rng.normal(0, 1, (40, 3)) * [1, 1, 0.2]
     way *= step / np.linalg.norm(way, axis=1, keepdims=True)
-    found = touched(obstacles, start, start + way, 0.1)
+    found, free = touched(obstacles, start, start + way, 0.1)
     truth = np.array([first_touch(p, w, 0.1, every) for p, w in zip(start, way, strict=True)])
     assert np.allclose(found, truth, atol=1e-9)
     assert np.isfinite(truth).any()
@@ -500,6 +501,11 @@ def test_forests_are_met_as_all_their_triangles_are(step):
     assert (room <= exact + 1e-12).all()
     far = exact > 1.0
     assert (room[far] > 0.5).all()  # a bound that is of use
+    wanted = np.minimum(2.0 * exact, 0.5)
+    np.testing.assert_allclose(obstacles.room(start, wanted).clip(max=0.5), exact.clip(max=0.5))
+    exact = np.array([distances(p, every).min() for p in start + way / 2])
+    assert (free <= exact).all()
+    assert (free > step / 2).any() == (step < 1)
 
 
 def test_trunks_of_a_plan_are_circles():
@@ -508,9 +514,9 @@ def test_trunks_of_a_plan_are_circles():
         np.array([[0.0, 0, 1], [0, 3, 1], [0, 0.8, 1]]),
         np.array([[10.0, 0, 1], [10, 3, 1], [10, 0.8, 1]]),
     )
-    found = touched(stems, start, end, 0.5)
+    found, _ = touched(stems, start, end, 0.5)
     assert found == pytest.approx([0.4, np.inf, (5 - np.sqrt(1 - 0.64)) / 10], rel=1e-12)
-    inside = touched(stems, np.array([[5.0, 0.2, 1]]), np.array([[6.0, 0, 1]]), 0.1)
+    inside, _ = touched(stems, np.array([[5.0, 0.2, 1]]), np.array([[6.0, 0, 1]]), 0.1)
     assert inside[0] == 0
 
 
@@ -518,7 +524,7 @@ def test_nothing_stands_in_an_empty_world():
     nothing = np.empty(0, dtype=np.int64)
     scene = SceneGeometry((), np.empty((0, 3, 4)), nothing, (), nothing, nothing)
     for empty in (MeshObstacles(scene, []), PlaneTrunks(np.empty((0, 2)), np.empty(0))):
-        assert touched(empty, np.zeros((1, 3)), np.full((1, 3), 1e4), 1.0)[0] == np.inf
+        assert touched(empty, np.zeros((1, 3)), np.full((1, 3), 1e4), 1.0)[0][0] == np.inf
 
 
 # ------------------------------------------------------------------------------------------- echoes

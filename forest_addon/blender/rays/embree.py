@@ -209,8 +209,11 @@ class EmbreeSearch(Search):
         ]
         knot = self._knot(np.full(count, time, np.float64))
         rays += [np.full(count, limit, np.float64) for limit in (min_distance, max_distance)]
-        hits, left = Hits.misses(count), Hits.misses(count) if leaving is None else leaving
-        rays += [knot, left.instance, left.triangle, *vars(hits).values()]
+        nothing = np.full(count, -1)
+        left = (nothing, nothing) if leaving is None else (leaving.instance, leaving.triangle)
+        instance, triangle = np.empty((2, count), np.int64)
+        hits = Hits(np.empty(count), instance, triangle, np.empty((count, 3)))
+        rays += [knot, *left, *vars(hits).values()]
 
         def task(part: slice) -> None:
             columns = [column[part] for column in rays]
