@@ -174,17 +174,10 @@ class MeshObstacles:
             row = rows[which]
             step = way[row] / count[row, None]
             here = start[row] + (first + piece)[:, None] * step
-            found = self._touches(here, here + step, radius)
-            np.minimum.at(share, row, (first + piece + found) / count[row])
-        return share
-
-    def _touches(self, here: np.ndarray, there: np.ndarray, radius: float) -> np.ndarray:
-        """(P,) shares of short ways at which spheres touch first."""
-        share = np.full(len(here), np.inf)
-        which, corners = self._around(here, there, radius)
-        if len(which):
+            there = here + step
+            which, corners = self._around(here, there, radius)
             found = touches(here[which], (there - here)[which], radius, corners)
-            np.minimum.at(share, which, found)
+            np.minimum.at(share, row[which], (first + piece[which] + found) / count[row[which]])
         return share
 
     def _around(
@@ -325,17 +318,13 @@ class Solid:
         self._area = lengths(cross_rows(second - first, third - first)) / 2
         self._middle = self.corners.mean(axis=1)
         self._size = np.linalg.norm(self.corners - self._middle[:, None], axis=2).max(axis=1)
-        points = self.corners.reshape(-1, 3)
-        ends = np.zeros((1, 3)) if self.empty else points
+        ends = np.zeros((1, 3)) if self.empty else self.corners.reshape(-1, 3)
         self.box = ends.min(axis=0), ends.max(axis=0)
         self.low = self.box[0] - MARGIN
         extent = self.box[1] - self.box[0] + 2 * MARGIN
         self.cell = max(FINEST, float(np.cbrt(extent.prod() / CELLS)))
         self.shape = np.maximum(np.ceil(extent / self.cell), 1).astype(np.int64)
         self._file()
-        if self.empty:
-            self.room = np.full(self.shape, np.inf, dtype=np.float32)
-            return
         away = (
             scipy.ndimage.distance_transform_edt((self.count == 0).reshape(self.shape)) * self.cell
         )

@@ -93,8 +93,6 @@ class Gap:
         cost = to_aim + 0.6 * turn + 0.3 * again + 12.0 * short
         best = cost.argmin(axis=1)
         way = self._angle[best]
-        open_ = to_aim.min(axis=1) == np.inf
-        way = np.where(open_, aim, way)
         ahead = np.minimum(free[np.arange(len(best)), best], 1e6)
         pace = np.clip(ahead / (2.0 * wanted[:, 0]), 0.25, 1.0) * np.clip(
             1.4 - np.abs(way), 0.35, 1.0
@@ -167,10 +165,9 @@ def steer(
             flight.speed * np.tan(np.clip(way, -1.5, 1.5)) / flight.sideways, -1, 1
         )
         return action
-    limit = turn_rate
     if flight.body in ("bat", "planar"):
-        limit = np.minimum(turn_rate, flight.acceleration / np.maximum(np.abs(speed), 1e-9))
-    turn = np.clip(way / (limit * flight.step * 2.0), -1.0, 1.0)
+        turn_rate = np.minimum(turn_rate, flight.acceleration / np.maximum(np.abs(speed), 1e-9))
+    turn = np.clip(way / (turn_rate * flight.step * 2.0), -1.0, 1.0)
     if flight.body == "planar":
         action[:, 0] = turn
     elif flight.body == "bat":

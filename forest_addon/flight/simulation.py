@@ -176,17 +176,13 @@ class Flyers:
             comes_there = going & (comes < stops)
             share = np.minimum(np.minimum(stops, comes), 1.0)
             way += np.where(going, share * lengths(there - here), 0.0)
-            ended = (hit | comes_there).nonzero()[0]
-            if len(ended):
-                place = place.copy()
-                part = share[ended, None] * (there[ended] - here[ended])
-                place[ended] = here[ended] + part
+            ended = (hit | comes_there)[:, None]
+            place = np.where(ended, here + share[:, None] * (there - here), place)
             crashed |= hit
             arrived |= comes_there
             here = there
         left = self._distance(place)
-        reward = self._left - left
-        reward = reward + CRASH * crashed + ARRIVED * arrived
+        reward = self._left - left + CRASH * crashed + ARRIVED * arrived
         self._left = left
         self.state = State(place, after.velocity, after.heading, after.tilt, after.course)
         self.steps += 1

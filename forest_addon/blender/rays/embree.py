@@ -209,10 +209,8 @@ class EmbreeSearch(Search):
         ]
         knot = self._knot(np.full(count, time, np.float64))
         rays += [np.full(count, limit, np.float64) for limit in (min_distance, max_distance)]
-        nothing = np.full(count, -1)
-        left = (nothing, nothing) if leaving is None else (leaving.instance, leaving.triangle)
-        instance, triangle = np.empty((2, count), np.int64)
-        hits = Hits(np.empty(count), instance, triangle, np.empty((count, 3)))
+        left = 2 * [np.full(count, -1)] if leaving is None else [leaving.instance, leaving.triangle]
+        hits = Hits(np.empty(count), *np.empty((2, count), np.int64), np.empty((count, 3)))
         rays += [knot, *left, *vars(hits).values()]
 
         def task(part: slice) -> None:
