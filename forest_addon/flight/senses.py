@@ -120,8 +120,8 @@ class LidarSense:
         time = np.zeros(len(state)) if time is None else time
         # As a path of the same pose has it: through degrees, as settings say angles. Nose down is a turn
         # about the left.
-        angles = np.rad2deg(np.column_stack([state.heading, state.tilt]))
-        attitude = Rotation.from_euler("ZYX", np.deg2rad(angles))
+        angles = np.deg2rad(np.rad2deg(np.column_stack([state.heading, state.tilt])))
+        attitude = Rotation.from_euler("ZYX", angles)
         if not (self.exact and np.isnan(around.geometry.reflectance).all()):
             return np.array(
                 [
@@ -217,10 +217,8 @@ class EarSense:
         for row, (when, seed, number) in enumerate(zip(*given, strict=True)):
             echo = self.ping(around, state, row, float(when), int(seed), int(number))
             sound = echo.heard_waveforms
-            if self.heard == "cochleagram":
-                told[row] = cochleagram(sound, self.sonar)
-            else:
-                told[row] = sound[:, : self.samples]
+            is_picture = self.heard == "cochleagram"
+            told[row] = cochleagram(sound, self.sonar) if is_picture else sound[:, : self.samples]
         return told
 
 

@@ -264,11 +264,10 @@ class Flyers:
     def _stuck(self, place: np.ndarray, clearance: float) -> bool:
         radius = self.flight.radius + clearance
         obstacles = self.world.obstacles.at(0.0)
-        if float(obstacles.room(place[None])[0]) > radius:
+        at = place[None]
+        if float(obstacles.room(at)[0]) > radius:
             return False
-        if np.isfinite(obstacles.touch(place[None], place[None], radius)[0]):
-            return True
-        return bool(obstacles.encloses(place))
+        return bool(np.isfinite(obstacles.touch(at, at, radius)[0]) or obstacles.encloses(place))
 
 
 def _finite(name: str, value: Any, shape: tuple[int, ...], words: str) -> np.ndarray:
