@@ -36,6 +36,13 @@ def _sums(count: int) -> np.ndarray:
     return np.asarray(share[:, None] * np.cos(0.5 * math.pi / count * quarters))
 
 
+def terms_needed(size: np.ndarray, allowed: np.ndarray | float) -> int:
+    """How many first coefficients of series, of sizes (R, F), leave no series more than is allowed (F,)."""
+    left = np.cumsum(size[::-1], axis=0)[::-1]
+    large = np.flatnonzero((left > allowed).any(axis=1))
+    return int(large[-1]) + 2 if len(large) else 1
+
+
 def polynomials(x: np.ndarray, count: int) -> np.ndarray:
     """(count, N) Chebyshev polynomials at x (N,)."""
     values = np.empty((count, len(x)))

@@ -291,8 +291,7 @@ class LayerSum:
         def made() -> tuple[np.ndarray, np.ndarray]:
             lowest = math.floor(self.lowest * size / self.rate)
             spectra = fft.rfft(self.sector(number).filters, size, axis=1)[:, lowest:]
-            frequency = np.arange(lowest, size // 2 + 1) * (self.rate / size)
-            gains = gain.filters(zone, frequency)
+            gains = gain.spectra(zone, self.rate / size, lowest, size // 2)
             return spectra.T.astype(self.complex), gains.T.astype(self.complex)
 
         return self._spectra.once(("own", number, size, gain.losses, zone.low, zone.rise), made)
@@ -349,7 +348,7 @@ class LayerSum:
             spectra /= self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
             kept = np.arange(len(spectra))
             if gain is not None and zone is not None:
-                gains = gain.filters(zone, np.arange(size // 2 + 1) * (self.rate / size))
+                gains = gain.spectra(zone, self.rate / size, 0, size // 2)
                 share = np.abs(spectra[:, None, ::SEEN]) * np.abs(gains[:, ::SEEN])
                 share = share.reshape(-1, share.shape[-1])
                 share /= np.maximum(share.max(axis=0), UNHEARD * share.max() + 1e-300)
@@ -403,10 +402,11 @@ class LayerSum:
         What e^{-b(f)ct} makes of sound at t is its spectrum at the frequency f - ibc/2π; H has lost nothing
         there if it is that of f at the frequency f + ibc/2π, to which b belongs. (Conjugates here.)
         """
-        frequency, air = self.frequency, self.air
-        for _ in range(ROUNDS if air else 0):
-            lost = air.loss(frequency) * (self.speed / (2.0 * math.pi))
-            frequency = self.frequency - 1j * lost
+        frequency = self.frequency
+        for _ in range(ROUNDS):
+            if self.air is not None:
+                lost = self.air.loss(frequency) * (self.speed / (2.0 * math.pi))
+                frequency = self.frequency - 1j * lost
         wavenumber = 2.0 * math.pi / self.speed * frequency
         waves = partial_waves(wavenumber * self.radius, order_count(thickness), self.bark)
         waves[1:] *= 2.0

@@ -204,9 +204,8 @@ class _Panel:
             left *= self.group.gain.at(tried, farther).T
             left /= np.sqrt(np.mean(np.abs(left) ** 2, axis=0))
         size = np.abs(chebyshev.coefficients(values[:, :, None] * left[:, None], 0)).max(axis=2)
-        tail = np.cumsum(size[::-1], axis=0)[::-1]
-        large = (tail > self.group.allowed * np.abs(values).min(axis=0)).any(axis=1)
-        return chebyshev.points(max(3, int(np.flatnonzero(large)[-1]) + 2), *ends)
+        needed = chebyshev.terms_needed(size, self.group.allowed * np.abs(values).min(axis=0))
+        return chebyshev.points(max(3, needed), *ends)
 
     def _wavenumber(self, frequency: np.ndarray) -> np.ndarray:
         return 2.0 * math.pi / self.group.speed * frequency

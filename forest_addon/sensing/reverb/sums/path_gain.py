@@ -7,7 +7,7 @@
 with the polynomials ℓ_q in log x of as many Chebyshev points x_q as the tolerance needs at any frequency.
 Near zones hold few trunks, and there the ground's and the straight way differ by many wavelengths: each has
 a sum of its own, for pulses at its own times. Far ones, where nearly all trunks are, need a handful of terms.
-Filters over a whole transform are read from a spline in frequency, with as many knots as the tolerance needs.
+Filters over a whole transform are interpolated in panels of frequency, as losses of the direct sum are.
 
 The air as a filter that changes in time: what arrives after t has lost e^{-b(f)ct}.
 
@@ -26,27 +26,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft, special
 
 from ....acoustics import chebyshev
 from ....acoustics.air import relaxation
+from ....acoustics.spectrum import frequency_panels
 from ....spec import Air
 from ..bands import roll_off
 from ..forest.losses import LOWEST, NEAR, Losses, loss_per_metre
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 WIDE = 12e3  # Hz; a gain that serves up to less tells the ways over the ground apart for less than NEAR
 TRIED = 96  # frequencies at which a zone's nodes are counted
 MOST = 1024
 SHARE = 0.5  # of the tolerance
-BEND = 40.0  # Hz, from where on knots are spaced evenly by the logarithm of frequency
-KNOTS, MOST_KNOTS = 128, 1024  # in frequency, at first and at most
-BETWEEN = 0.3  # of the tolerance, by which a spline through half of its knots may miss the others
+TURNED = 4.0  # turns of the ways over the ground against each other, at most, in a panel
 
 
 @dataclass(frozen=True)
@@ -78,7 +73,6 @@ class PathGain:
     tolerance: float
     whole: bool = False
     _zones: dict[tuple[float, float | None], Zone] = field(default_factory=dict)
-    _splines: dict[tuple[float, float | None], CubicSpline | None] = field(default_factory=dict)
 
     @property
     def near(self) -> float:
@@ -95,38 +89,23 @@ class PathGain:
                 yield self._zone(2.0**n, rise), rows
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
-        """(Q, F) of a zone's polynomials, at rising frequencies."""
-        key = zone.low, zone.rise
-        if key not in self._splines and len(frequency) > 4 * KNOTS:
-            self._splines[key] = self._spline(zone)
-        spline = self._splines.get(key)
-        if spline is not None:
-            inside = np.clip(frequency, LOWEST, self.highest)
-            return np.asarray(spline(np.log1p(inside / BEND)))
+        """(Q, F) of a zone's polynomials, at frequencies."""
         values = self._values(frequency, zone.nodes[:, None], zone.rise)
         return np.asarray(chebyshev.coefficients(values, 0))
 
-    def _spline(self, zone: Zone) -> CubicSpline | None:
-        """The filters by log(1 + f/BEND); None: no number of knots serves."""
-        from scipy.interpolate import CubicSpline  # other sensors need not wait for its import
-
-        low, high = (math.log1p(f / BEND) for f in (min(LOWEST, self.highest), self.highest))
-
-        def values_at(place: np.ndarray) -> np.ndarray:
-            return self._values(BEND * np.expm1(place), zone.nodes[:, None], zone.rise)
-
-        place = np.linspace(low, high, KNOTS + 1)
-        values = values_at(place)
-        while len(place) <= 2 * MOST_KNOTS + 1:
-            between = 0.5 * (place[1:] + place[:-1])
-            new = values_at(between)
-            gap = np.abs(CubicSpline(place, values, axis=1)(between) - new).max(axis=0)
-            size = np.sqrt(np.mean(np.abs(new) ** 2, axis=0))
-            place = np.linspace(low, high, 2 * len(place) - 1)
-            values = np.insert(new, range(new.shape[1] + 1), values, axis=1)
-            if (gap <= BETWEEN * self.tolerance * size).all():
-                return CubicSpline(place, chebyshev.coefficients(values, 0), axis=1)
-        return None
+    def spectra(self, zone: Zone, spacing: float, first: int, last: int) -> np.ndarray:
+        """(Q, F) the same at the bins ``first`` to ``last`` of an even grid; below LOWEST as there."""
+        lowest = max(first, math.ceil(LOWEST / spacing))
+        width = math.inf
+        if zone.rise is None:  # both ways over the ground turn against each other
+            turns = self.losses.detour(np.array(zone.low), self.losses.rises[-1])
+            width = TURNED * self.losses.air.speed() / max(float(turns), 1e-9)
+        parts = [
+            self.filters(zone, panel.nodes) @ panel.weights.T
+            for panel in frequency_panels(last, spacing, width, lowest)
+        ]
+        spectra = np.concatenate(parts, axis=1)
+        return np.concatenate([np.repeat(spectra[:, :1], lowest - first, axis=1), spectra], axis=1)
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """(M, F) g of paths at a few frequencies."""
@@ -169,10 +148,8 @@ class PathGain:
             length = low * 2.0 ** chebyshev.points(count, 0.0, 1.0)
             values = self._values(frequency[None], length[:, None], rise)
             size = np.abs(chebyshev.coefficients(values[:, :, None], 0)[:, :, 0])
-            tail = np.cumsum(size[::-1], axis=0)[::-1]
             allowed = SHARE * self.tolerance * np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
-            large = np.flatnonzero((tail > allowed).any(axis=1))
-            needed = int(large[-1]) + 2 if len(large) else 1
+            needed = chebyshev.terms_needed(size, allowed)
             if needed <= 0.75 * count or count >= MOST:
                 break
             count *= 2
