@@ -29,14 +29,13 @@ from .forest.tail import FADE, Tail
 from .hearing import OMNI_EAR, Hearing, encoded
 from .model_error import model_error
 from .pair import Gain, Pair, filtered, trees_of
-from .sums.fast_scattering import Expansions, arrivals_of, judged
+from .sums.fast_scattering import LOWEST, Expansions, arrivals_of, judged, octave_errors
 from .sums.scattering import direct_sum, scattered_spectrum
 from .sums.tree_response import NEAREST, left_out_db, part_until, summed_exactly
 
 WORK = 2e6, 5e6  # trunks by frequencies that are summed again, of a pair at least and at most
 FEWEST = 20  # trunks whose piece of a record says something
 LONGEST = 24_000  # samples of the first part of a record
-LOWEST = 20.0  # Hz
 RINGING = 1.0  # s of frequencies beside a record's, all bands together
 CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off at most
 QUIET = 1e-9  # of the whole: octaves below that are noise of float64
@@ -240,13 +239,16 @@ def _trunks(channel: Channel, share: float) -> list[AuditPart]:
         apart, fade = trees[:part] - exact, max(part // 2, 1)
         # a smooth end, of which lower octaves would hear more than of the error
         apart[-fade:] *= 0.5 + 0.5 * np.cos(math.pi * np.arange(fade) / fade)
-        return octave_errors(apart, trees, rate, max(LOWEST, 8.0 * rate / fade)).max(keepdims=True)
+        whole = float(np.linalg.norm(apart)) / (float(np.linalg.norm(trees)) or 1.0)
+        errors = octave_errors(apart, trees, rate, QUIET, max(LOWEST, 8.0 * rate / fade))
+        return np.array([max(whole, *errors.values())])
 
     def low(_number: np.ndarray) -> np.ndarray:
         fade = np.hanning(count) ** 2  # so smooth that nothing of higher sound is heard below
         below = OctaveBand(None, (2 * LOW, 4 * LOW), slow)
         apart = (trees - summed(count, (below,))) * fade
-        return octave_errors(apart, trees, rate, LOWEST, LOW)[1:].max(keepdims=True)
+        errors = octave_errors(apart, trees, rate, QUIET, LOWEST, LOW)
+        return np.array([max(errors.values(), default=0.0)])
 
     seconds = f"{part / rate:.2g} s of the trunks' sound by the direct sum"
     kind = seconds, channel.allowed, OF_OCTAVE
@@ -328,27 +330,3 @@ def _piece(channel: Channel, start: int, margin: int, length: int) -> tuple[np.n
         spectrum *= roll_off(frequency / rate) * term.spectrum(frequency)
         samples += fft.irfft(spectrum, size)[before : before + length]
     return samples, len(rows)
-
-
-def octave_errors(
-    apart: np.ndarray,
-    whole: np.ndarray,
-    rate: float,
-    lowest: float = LOWEST,
-    highest: float = math.inf,
-) -> np.ndarray:
-    """(1 + B,) norms of a difference, of all and of octaves between two frequencies, relative to those of a
-    whole at least as long."""
-    off, true = fft.rfft(apart, len(whole)), fft.rfft(whole)
-    frequency = np.arange(len(true)) * rate / len(whole)
-    size = float(np.linalg.norm(true))
-    if size == 0:
-        return np.array([float(np.linalg.norm(off))])
-    errors = [float(np.linalg.norm(off)) / size]
-    for octave in range(int(math.log2(max(min(0.45 * rate, highest) / lowest, 1)))):
-        low = lowest * 2.0**octave
-        rows = (frequency >= low) & (frequency < 2 * low)
-        part = float(np.linalg.norm(true[rows]))
-        if part > QUIET * size:
-            errors.append(float(np.linalg.norm(off[rows])) / part)
-    return np.array(errors)

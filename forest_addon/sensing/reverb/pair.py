@@ -35,7 +35,14 @@ from .forest.transport import Sent
 from .model_error import model_error
 from .sums.fast_scattering import Expansions
 from .sums.scattering import TrunkPaths, trunk_paths
-from .sums.tree_response import NEAREST, TreeResponse, Weak, tree_response, weak_trunks
+from .sums.tree_response import (
+    NEAREST,
+    TreeResponse,
+    Weak,
+    record_length,
+    tree_response,
+    weak_trunks,
+)
 from .trunks import Trunks
 
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
@@ -149,6 +156,16 @@ class Pair:
     def forest(self) -> Trunks:
         """All trunks."""
         return self.trunks.with_others(self.beyond)
+
+    def needed(self) -> float:
+        """Seconds that the record must last."""
+        losses = self.losses
+        if (
+            losses and self.reverb.tail == "transport"
+        ):  # what is scattered away comes back by other ways
+            losses = replace(losses, extinction="none", scattered=False)
+        lengths = tuple(path for path, _ in self.arrivals())
+        return record_length(self.paths, lengths, self.reverb.sample_rate, self.air, losses)
 
     def arrivals(self) -> tuple[tuple[float, Gain], tuple[float, Gain]]:
         """Metres and gain of the direct sound and of the ground's."""

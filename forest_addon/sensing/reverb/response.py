@@ -38,13 +38,10 @@ from ..rays.caster import RayCaster
 from .channels import ImpulseResponse
 from .directivity import OMNI, Directivity
 from .ends import Ends, ends_of
-from .forest.losses import Losses
-from .forest.surroundings import BARE, FoliageCanopy, Surroundings, surroundings
+from .forest.surroundings import BARE, FoliageCanopy, surroundings
 from .hearing import OMNI_EAR, Hearing, encoded
 from .pair import Pair, lines_of_sight
 from .sums.fast_scattering import Expansions
-from .sums.scattering import trunk_paths
-from .sums.tree_response import NEAREST, record_length
 from .trunks import Field, Trunks, continuation
 
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
@@ -128,14 +125,8 @@ def pairs_of(
     ours = [between(*pair) for pair in ends.pairs]
     beyond = continuation(ours[0], reverb, ends.on_ground, rng, field)
     around = surroundings(ours[0], reverb, field, canopy) if reverb.model == "forest" else None
-    if reverb.duration == 0:
-        lengths = [
-            _needed(some.with_others(beyond), *pair, reverb, air, around)
-            for pair, some in zip(ends.pairs, ours, strict=True)
-        ]
-        reverb = replace(reverb, duration=max(lengths))
     channels, alike = ends.channels, len(ends.sources) * len(ends.receivers)
-    return [
+    pairs = [
         Pair(
             *pair,
             reverb,
@@ -152,31 +143,10 @@ def pairs_of(
         )
         for number, pair in enumerate(ends.pairs)
     ]
-
-
-def _needed(
-    trunks: Trunks,
-    source: np.ndarray,
-    receiver: np.ndarray,
-    reverb: Reverb,
-    air: Air,
-    around: Surroundings | None,
-) -> float:
-    """Seconds that the record of a pair must last."""
-    paths = trunk_paths(
-        trunks,
-        source[:2],
-        receiver[:2],
-        reverb.strength,
-        reverb.spreading,
-        upright=around is not None,
-    )
-    losses = Losses.of(reverb, air, around.stand, source, receiver) if around else None
-    if losses and reverb.tail == "transport":  # what is scattered away comes back by other ways
-        losses = replace(losses, extinction="none", scattered=False)
-    ways = (math.dist(source, end) for end in (receiver, receiver * (1.0, 1.0, -1.0)))
-    lengths = tuple(max(way, NEAREST) for way in ways)
-    return record_length(paths, lengths, reverb.sample_rate, air, losses)
+    if reverb.duration > 0:
+        return pairs
+    reverb = replace(reverb, duration=max(pair.needed() for pair in pairs))
+    return [replace(pair, reverb=reverb) for pair in pairs]
 
 
 def _share_of(progress: Progress | None, number: int, count: int) -> Progress | None:

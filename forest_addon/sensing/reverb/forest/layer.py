@@ -58,12 +58,9 @@ class _Tables:
     """Tables that packets look up, (B, ...) each."""
 
     def __init__(self, layer: Layer) -> None:
-        trunks = Turns(layer.phases)
-        self.width, self.kept, self.towards = (
-            trunks.width * layer.trunks,
-            trunks.kept,
-            trunks.towards,
-        )
+        self.trunks = Turns(np.array([phase.density for phase in layer.phases]))
+        self.width = layer.trunks * np.array([phase.width for phase in layer.phases])
+        self.kept = np.array([phase.kept for phase in layer.phases])
         cells = max((len(s.scattered) for s in layer.scatters), default=1) or 1
         bands = len(layer.scatters)
         self.scattered, self.taken = np.zeros((bands, cells)), np.zeros((bands, cells))
@@ -75,8 +72,7 @@ class _Tables:
         )
         self.density = np.array([scatter.density for scatter in layer.scatters])
         solid = -2.0 * math.pi * np.diff(np.cos(np.linspace(0.0, math.pi, ANGLES + 1)))
-        self.turns = _by_share(self.density * solid, 513)
-        self.around = _by_share(trunks.density, 1025)
+        self.in_space = Turns(self.density * solid)
         self.most = self.width + self.taken.max(axis=1)
 
     def through(self, band: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -98,21 +94,6 @@ class _Tables:
         """(N,) taken and scattered a metre, at heights; none above the layers."""
         cell, inside = self._cell(height), height < LAYER * self.taken.shape[1]
         return self.taken[band, cell] * inside, self.scattered[band, cell] * inside
-
-
-def _by_share(density: np.ndarray, count: int) -> np.ndarray:
-    """(B, count) angles up to which even shares of densities (B, A) by angle lie."""
-    whole, angle = np.cumsum(density, axis=1), np.linspace(0.0, math.pi, density.shape[1] + 1)
-    shares = np.linspace(0.0, 1.0, count)
-    return np.array([np.interp(shares, np.append(0.0, row / row[-1]), angle) for row in whole])
-
-
-def _drawn(table: np.ndarray, band: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(N,) angles of a table of ``_by_share``, of bands (N,)."""
-    share = rng.random(len(band)) * (table.shape[1] - 1.001)
-    cell = share.astype(np.int64)
-    low, high = (table[band, each] for each in (cell, cell + 1))
-    return np.asarray(low + (share - cell) * (high - low))
 
 
 def diffused(
@@ -204,15 +185,16 @@ class _Packets:
 
     def turn_at_trunks(self, rows: np.ndarray, tables: _Tables, rng: np.random.Generator) -> None:
         """About the vertical."""
-        turn = _drawn(tables.around, self.band[rows], rng)
-        turn *= rng.choice((-1.0, 1.0), len(rows))
+        turn = tables.trunks.draw(self.band[rows], rng)
         x, y = self.way[rows, 0].copy(), self.way[rows, 1].copy()
         self.way[rows, 0] = x * np.cos(turn) - y * np.sin(turn)
         self.way[rows, 1] = x * np.sin(turn) + y * np.cos(turn)
 
     def turn_in_space(self, rows: np.ndarray, tables: _Tables, rng: np.random.Generator) -> None:
         """Turn directions by an angle drawn from the table, at any azimuth about them."""
-        angle = _drawn(tables.turns, self.band[rows], rng)
+        angle = tables.in_space.draw(
+            self.band[rows], rng
+        )  # of either sign: it is turned about, too
         around = 2.0 * math.pi * rng.random(len(rows))
         way = self.way[rows]
         other = np.where(np.abs(way[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
@@ -275,7 +257,7 @@ def _of_trunks(band: np.ndarray, way: np.ndarray, away: np.ndarray, tables: _Tab
     """(N,) per steradian from one way to another by a trunk, over slopes that are alike."""
     turned = azimuth_of(away) - azimuth_of(way)
     turned = np.abs((turned + math.pi) % (2.0 * math.pi) - math.pi)
-    around = tables.towards(band, turned) / np.maximum(tables.kept[band], 1e-9)
+    around = tables.trunks.towards(band, turned) / np.maximum(tables.kept[band], 1e-9)
     rise = np.arcsin(np.clip(away[:, 2], -1, 1)) - np.arcsin(np.clip(way[:, 2], -1, 1))
     slope = np.exp(-0.5 * (rise / SMEAR) ** 2) / (SMEAR * math.sqrt(2.0 * math.pi))
     level = np.sqrt(np.maximum(1.0 - away[:, 2] ** 2, 1e-4))

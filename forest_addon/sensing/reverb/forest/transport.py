@@ -214,8 +214,10 @@ def transported_bands(
     bins : (B,) how many of the bins between them packets of a band are followed through. packets : of each
     band. sent : (B,) energy by ways (N, 3); none: alike to all sides.
     """
-    (source, receiver), tables = ends, Turns(phases)
-    rates = density.largest * tables.width  # meetings a metre, real and not
+    (source, receiver), tables = ends, Turns(np.array([phase.density for phase in phases]))
+    width = np.array([phase.width for phase in phases])
+    kept = np.array([phase.kept for phase in phases])
+    rates = density.largest * width  # meetings a metre, real and not
     gathered = np.zeros((SHARES, 2, len(phases), len(edges) - 1))
     last = np.array([edges[count] for count in bins])
     moving = _LevelPackets(np.flatnonzero(rates > 0), source, packets, rng, sent)
@@ -231,7 +233,7 @@ def transported_bands(
         distance = np.hypot(away[:, 0], away[:, 1])
         turned = azimuth_of(away) - moving.heading[rows]
         turned = np.abs((turned + math.pi) % (2.0 * math.pi) - math.pi)
-        lost = density.between(moving.place[rows], receiver) * tables.width[band]
+        lost = density.between(moving.place[rows], receiver) * width[band]
         counted = weight * tables.towards(band, turned) * np.exp(-lost)
         counted *= 2.0 * math.pi * np.where(distance < NEAREST, 2.0 / NEAREST, 1.0 / distance)
         length = moving.travelled[rows] + distance
@@ -241,7 +243,7 @@ def transported_bands(
         place = ((2 * moving.share[rows] + again) * len(phases) + band) * gathered.shape[3] + column
         add = np.bincount(place[inside], counted[inside] / length[inside], gathered.size)
         gathered += add.reshape(gathered.shape)
-        moving.turn(rows, tables.draw(band, rng), tables.kept[band])
+        moving.turn(rows, tables.draw(band, rng), kept[band])
     gathered /= np.maximum(moving.drawn, 1)[:, None, None, None] * np.diff(edges)
     once, again = np.average(gathered, axis=0, weights=moving.drawn)
     return [
@@ -253,16 +255,13 @@ def transported_bands(
 
 
 class Turns:
-    """Phase functions (B,) side by side."""
+    """Angles by which sound is turned in each band: densities (B, A) over even cells from 0 to π."""
 
-    def __init__(self, phases: Sequence[PhaseFunction]) -> None:
-        self.width = np.array([phase.width for phase in phases])
-        self.kept = np.array([phase.kept for phase in phases])
-        self.density = np.array([phase.density for phase in phases])
-        self.count = self.density.shape[1]
-        whole = np.cumsum(self.density, axis=1)
-        whole = np.concatenate([np.zeros((len(phases), 1)), whole / whole[:, -1:]], axis=1)
-        self.whole = (whole + np.arange(len(phases))[:, None]).ravel()  # rising over all bands
+    def __init__(self, density: np.ndarray) -> None:
+        self.density, (bands, self.count) = density, density.shape
+        whole = np.cumsum(density, axis=1)
+        whole = np.concatenate([np.zeros((bands, 1)), whole / whole[:, -1:]], axis=1)
+        self.whole = (whole + np.arange(bands)[:, None]).ravel()  # rising over all bands
 
     def draw(self, band: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(N,) angles, to both sides."""
@@ -276,7 +275,7 @@ class Turns:
         return np.asarray(np.copysign(turned, share))
 
     def towards(self, band: np.ndarray, turned: np.ndarray) -> np.ndarray:
-        """(N,) share per radian that is turned by angles in 0 to π."""
+        """(N,) density at angles in 0 to π."""
         cell = np.minimum((turned * (self.count / math.pi)).astype(np.int64), self.count - 1)
         return np.asarray(self.density.ravel()[band * self.count + cell])
 

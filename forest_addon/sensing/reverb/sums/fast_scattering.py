@@ -305,18 +305,32 @@ def _octaves(
     fade[len(exact) - end :] = roll_off(0.45 + 0.05 * np.arange(end) / max(end, 1))
     start = min(first, int(FADED * rate), len(exact))
     fade[:start] *= roll_off(0.5 - 0.05 * np.arange(start) / max(start, 1))
-    of_gap, of_exact = fft.rfft(gap * fade), fft.rfft(exact * fade)
+    least = max(FAINTEST_OCTAVE, EXACT / max(tolerance, FINEST))
+    errors = octave_errors(gap * fade, exact * fade, rate, least)
+    return {f"{low:g} Hz": error for low, error in errors.items()}
+
+
+def octave_errors(
+    gap: np.ndarray,
+    exact: np.ndarray,
+    rate: float,
+    quietest: float,
+    lowest: float = LOWEST,
+    highest: float = math.inf,
+) -> dict[float, float]:
+    """{lower end in Hz: relative error} of octaves that are louder than a share of the whole, between two
+    frequencies. gap : (M,) samples, no more than the exact ones (N,)."""
+    off, true = fft.rfft(gap, len(exact)), fft.rfft(exact)
     frequency = fft.rfftfreq(len(exact), 1.0 / rate)
-    whole = float(np.linalg.norm(exact)) * np.sqrt(len(exact) / 2.0)  # as rfft has it
-    least = max(FAINTEST_OCTAVE, EXACT / max(tolerance, FINEST)) * whole
-    result, low = {}, LOWEST
-    while low < 0.45 * rate:
+    least = quietest * float(np.linalg.norm(true))
+    errors, low = {}, lowest
+    while low < min(0.45 * rate, highest):
         rows = (frequency >= low) & (frequency < min(2.0 * low, 0.45 * rate))
-        size = float(np.linalg.norm(of_exact[rows]))
+        size = float(np.linalg.norm(true[rows]))
         if size > least:
-            result[f"{low:g} Hz"] = float(np.linalg.norm(of_gap[rows])) / size
+            errors[low] = float(np.linalg.norm(off[rows])) / size
         low *= 2.0
-    return result
+    return errors
 
 
 BANDS = (LOWEST, 125.0, 1000.0, 4000.0)  # Hz at which loudness is estimated

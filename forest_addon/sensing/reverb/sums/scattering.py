@@ -109,29 +109,17 @@ def scattered_spectrum(
     progress : called as progress(trunks done, all trunks).
     gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
     """
-    spectrum = np.zeros(len(loss), dtype=np.complex128)
-    done = 0
-    for some, panels in _together(paths, spacing, sound_speed, lowest, len(loss) - 1):
-        delay = some.length / sound_speed
-        for panel in panels:
-            scattered = some.weight * transfer(
-                panel.nodes[:, None], some.angle, some.radius, sound_speed, bark
-            )  # (Q, M)
-            for first in range(0, panel.count, BINS_AT_ONCE):
-                count = min(BINS_AT_ONCE, panel.count - first)
-                bins = slice(panel.first + first, panel.first + first + count)
-                carried = delay_factors(bins.start * spacing, spacing, count, delay)  # (B, M)
-                carried *= np.exp(np.outer(-loss[bins], some.length))
-                if gain is not None:
-                    frequency = np.arange(bins.start, bins.stop) * spacing
-                    carried *= gain(frequency[:, None], some.length)
-                # at every bin: half the work of sums at every node
-                heights = panel.weights[first : first + count] @ scattered.view(np.float64)
-                spectrum[bins] += np.einsum("bm,bm->b", carried, heights.view(np.complex128))
-        done += len(some.length)
-        if progress:
-            progress(done, len(paths.length))
-    return spectrum
+
+    def alone(nodes: np.ndarray, some: TrunkPaths) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        scattered = transfer(nodes[:, None], some.angle, some.radius, sound_speed, bark)
+        yield some.length, some.weight * scattered
+
+    def lost(bins: slice, length: np.ndarray) -> np.ndarray:
+        left = np.exp(np.outer(-loss[bins], length))
+        frequency = np.arange(bins.start, bins.stop) * spacing
+        return left if gain is None else left * gain(frequency[:, None], length)
+
+    return _spectrum(paths, spacing, lowest, len(loss) - 1, sound_speed, alone, lost, progress)
 
 
 def spectrum_by_nodes(
@@ -147,39 +135,54 @@ def spectrum_by_nodes(
     Each way over the ground with its own delay taken off, losses are as smooth in frequency as H is: their
     singularities lie at 0 Hz and at the air's relaxations, beside panels of two octaves.
     """
+    speed = losses.air.speed()
+
+    def by_ground(nodes: np.ndarray, some: TrunkPaths) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        every, loss = nodes[:, None], losses.along(nodes)
+        answer = some.weight * transfer(every, some.angle, some.radius, speed, losses.bark)
+        answer = answer * losses.of_trunks(every, some.length)  # (Q, M)
+        for rise in losses.rises:
+            path = some.length + losses.detour(some.length, rise)
+            share = losses.share(every, some.length, rise)
+            yield path, answer * share * np.exp(-np.outer(loss, path))
+
+    return _spectrum(paths, spacing, lowest, highest, speed, by_ground, None, progress)
+
+
+def _spectrum(
+    paths: TrunkPaths,
+    spacing: float,
+    lowest: int,
+    highest: int,
+    speed: float,
+    ways: Callable[[np.ndarray, TrunkPaths], Iterator[tuple[np.ndarray, np.ndarray]]],
+    at_bins: Callable[[slice, np.ndarray], np.ndarray] | None,
+    progress: Progress | None,
+) -> np.ndarray:
+    """(highest + 1,) sum over paths and their ways.
+
+    ways : metres (M,) and amplitudes (Q, M) at nodes (Q,), of some paths. at_bins : further factors (B, M),
+    by the bins and the paths' lengths; None: 1.
+    """
     spectrum = np.zeros(highest + 1, np.complex128)
     done = 0
-    for some, panels in _together(paths, spacing, losses.air.speed(), lowest, highest):
+    for some, panels in _together(paths, spacing, speed, lowest, highest):
         for panel in panels:
-            spectrum[panel.first : panel.first + panel.count] += _of_panel(
-                some, panel, spacing, losses
-            )
+            for path, scattered in ways(panel.nodes, some):
+                for first in range(0, panel.count, BINS_AT_ONCE):
+                    shares = panel.weights[first : first + BINS_AT_ONCE]
+                    start = panel.first + first
+                    bins = slice(start, start + len(shares))
+                    carried = delay_factors(start * spacing, spacing, len(shares), path / speed)
+                    if at_bins:
+                        carried *= at_bins(bins, some.length)
+                    # at every bin: half the work of sums at every node
+                    heights = (shares @ scattered.view(np.float64)).view(np.complex128)
+                    spectrum[bins] += np.einsum("bm,bm->b", carried, heights)
         done += len(some.length)
         if progress:
             progress(done, len(paths.length))
     return spectrum
-
-
-def _of_panel(some: TrunkPaths, panel: Panel, spacing: float, losses: Losses) -> np.ndarray:
-    """(B,) spectrum at a panel's bins."""
-    speed, nodes = losses.air.speed(), panel.nodes[:, None]
-    loss = losses.along(panel.nodes)
-    answer = some.weight * transfer(nodes, some.angle, some.radius, speed, losses.bark)
-    answer = answer * losses.of_trunks(nodes, some.length)  # (Q, M)
-    total = np.zeros(panel.count, np.complex128)
-    for rise in losses.rises:
-        path = some.length + losses.detour(some.length, rise)
-        share = losses.share(nodes, some.length, rise)
-        scattered = answer * share * np.exp(-np.outer(loss, path))
-        for first in range(0, panel.count, BINS_AT_ONCE):
-            count = min(BINS_AT_ONCE, panel.count - first)
-            start = (panel.first + first) * spacing
-            carried = delay_factors(start, spacing, count, path / speed)  # (B, M)
-            heights = panel.weights[first : first + count] @ scattered.view(np.float64)
-            total[first : first + count] += np.einsum(
-                "bm,bm->b", carried, heights.view(np.complex128)
-            )
-    return total
 
 
 def _together(

@@ -38,6 +38,7 @@ import numpy as np
 from scipy import fft
 
 from ....acoustics.cylinder import order_count, partial_waves
+from ....acoustics.extinction import cross_sections
 from ....base.progress import Progress
 from ....spec import Air, Reverb
 from ..bands import SPREAD
@@ -159,9 +160,7 @@ def arrival_energies(
     wavenumber = 2.0 * math.pi * band / air.speed()
     thickest = max(1e-3, float((wavenumber.max(initial=0.0) * paths.radius).max(initial=0.0)))
     size = np.geomspace(1e-4, thickest, SIZES)
-    waves = np.square(np.abs(partial_waves(size, order_count(thickest))))
-    scattered = np.log(waves[0] + 2.0 * waves[1:].sum(axis=0))
-    size = np.log(size)
+    scattered, size = np.log(0.25 * size * cross_sections(size).scattering), np.log(size)
     different, row_of = _different(paths.radius)
     first, place, share = _places(paths.length)
     length = FIRST * APART ** np.arange(first, first + int(place.max(initial=0)) + 2)

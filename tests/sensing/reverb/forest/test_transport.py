@@ -82,7 +82,7 @@ def test_turns_are_drawn_as_the_phase_functions_have_them():
     """Two bands side by side: sums of the drawn angles up to each of 24, within 0.01 (20,000 draws)."""
     both = [PhaseFunction.of(f, np.array([0.1]), 343.0, 0.0, "energy") for f in (250.0, 4000.0)]
     band = np.repeat([0, 1], 20_000)
-    drawn = Turns(both).draw(band, np.random.default_rng(1))
+    drawn = Turns(np.array([phase.density for phase in both])).draw(band, np.random.default_rng(1))
     assert abs(np.sign(drawn).mean()) < 0.02
     for row, phase in enumerate(both):
         share = np.cumsum(phase.density) / phase.density.sum()
