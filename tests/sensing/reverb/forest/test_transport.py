@@ -351,10 +351,11 @@ def test_isotropic_scatterers_in_space() -> None:
     edges = np.linspace(10.01, 110.0, 11)
     layer = Layer(0.0, (around(1e-9),), (even(0.1, 2000),), 2000.0, 0.0, HARD)
     ends = np.array([[0.0, 0.0, 1000.0], [10.0, 0.0, 1000.0]])
-    found = diffused(layer, *ends, edges, 15_000, np.random.default_rng(1)).mean(0)[0]
+    found = diffused(layer, *ends, edges, 60_000, np.random.default_rng(1)).mean(0)[0]
     fine = np.linspace(0, 1, 50)[:, None] * np.diff(edges) + edges[:-1]
     apart = 10 * np.log10(found / paasschens(10.0, fine, 10.0).mean(axis=0))
-    assert np.abs(apart).max() < 1.2
+    assert np.median(np.abs(apart)) < 0.5
+    assert np.abs(apart).max() < 3.0  # a packet or two that turned next to the receiver
     assert abs(apart.mean()) < 0.6
 
 
@@ -442,9 +443,10 @@ def test_bark_of_twigs_takes_what_an_impedance_takes() -> None:
 def test_litter_and_a_canopy_that_returns() -> None:
     edges, ends = np.linspace(10, 60, 5), np.array([[0.0, 0.0, 1.5], [9.0, 0.0, 1.5]])
     layer = Layer(0.05, (around(0.3),), (even(0.02, 8),), 8.0, 0.0, HARD)
+    bare = replace(layer, scatters=(even(1e-4, 8),))
     levels = [
         diffused(each, *ends, edges, 3000, stream(1, "test")).mean(0)[0].sum()
-        for each in (layer, replace(layer, back=0.8), replace(layer, rough=0.3))
+        for each in (layer, replace(layer, back=0.8), bare, replace(bare, rough=0.3))
     ]
     assert levels[1] > 1.1 * levels[0]
-    assert levels[2] > levels[0]
+    assert levels[3] > 2.0 * levels[2]
