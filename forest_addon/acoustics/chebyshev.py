@@ -37,7 +37,7 @@ def _sums(count: int) -> np.ndarray:
 
 
 def terms_needed(size: np.ndarray, allowed: np.ndarray | float) -> int:
-    """How many first coefficients of series, of sizes (R, F), leave no series more than is allowed (F,)."""
+    """Number of first coefficients, of sizes (R, F), that leave no series more than is allowed (F,)."""
     left = np.cumsum(size[::-1], axis=0)[::-1]
     large = np.flatnonzero((left > allowed).any(axis=1))
     return int(large[-1]) + 2 if len(large) else 1
