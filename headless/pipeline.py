@@ -63,7 +63,8 @@ from forest_addon.results.packed import read_values, write_values
 from forest_addon.results.scan_file import scene_digest
 from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.sensing.audit import Audit
-from forest_addon.sensing.kinds import cost_of
+from forest_addon.sensing.kind import Observation
+from forest_addon.sensing.kinds import choose, cost_of, kind_of
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Output, Scene, Sensor, SpecError, with_files
 from forest_addon.stand.compose import Inputs
@@ -287,7 +288,8 @@ def claim_files(settings: Scene, out: Path, dry: str = "") -> None:
 
 
 def _make_ready(run: Run, world: World) -> None:
-    """Read the scene, and refuse sensors that it cannot serve before anything is written.
+    """Read the scene, say what each sensor costs, and refuse those that cannot run before anything is
+    written.
 
     Raises
     ------
@@ -299,8 +301,26 @@ def _make_ready(run: Run, world: World) -> None:
                 run.settings.blend, "has nothing to scan: no visible object of its scene has faces"
             )
         _ = world.observer.caster  # made now: it belongs to no sensor's time
-    for sensor in run.settings.sensors:
-        _say_cost(run, world, sensor)
+    settings, observer = run.settings, world.observer
+    for sensor in settings.sensors:
+        try:
+            way = observer.way(sensor, world.folder)
+            chosen = choose(sensor)[0]
+            kind_of(sensor).check(Observation(chosen, observer, settings, world.folder, way))
+            cost = cost_of(sensor, way, observer.caster.engine, settings, len(observer.stems))
+        except SpecError:
+            raise
+        except ValueError as problem:
+            raise SpecError(sensor.name, str(problem)) from None
+        if run.stages.verbose or cost.seconds > LONG:
+            run.stages.say(f"  {sensor.name}: {cost}")
+        free = free_memory()
+        if cost.memory > SURELY * free:
+            raise SpecError(
+                sensor.name,
+                f"needs about {cost.memory / 1e9:,.3g} GB of memory, and {free / 1e9:,.3g} GB are free; send "
+                "fewer pulses, pings or samples, or scan in [tiles]",
+            )
 
 
 def _sense(run: Run, world: World, sound: Dry | None, resume: bool, sway: Any = None) -> None:
@@ -357,32 +377,6 @@ def _sense(run: Run, world: World, sound: Dry | None, resume: bool, sway: Any = 
     where = f". Open {out / 'report.html'}" if wanted.report else ""
     stages.say(f"Done: {len(run.files) + wanted.report} files in {out}{where}")
     stages.end(out)
-
-
-def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
-    """Say what a sensor's run will cost.
-
-    Raises
-    ------
-    SpecError : it cannot run, or needs more memory than there is, by far.
-    """
-    observer = world.observer
-    try:
-        way = observer.check(sensor, run.settings, world.folder)
-        cost = cost_of(sensor, way, observer.caster.engine, run.settings, len(observer.stems))
-    except SpecError:
-        raise
-    except ValueError as problem:
-        raise SpecError(sensor.name, str(problem)) from None
-    if run.stages.verbose or cost.seconds > LONG:
-        run.stages.say(f"  {sensor.name}: {cost}")
-    free = free_memory()
-    if cost.memory > SURELY * free:
-        raise SpecError(
-            sensor.name,
-            f"needs about {cost.memory / 1e9:,.3g} GB of memory, and {free / 1e9:,.3g} GB are free; send "
-            "fewer pulses, pings or samples, or scan in [tiles]",
-        )
 
 
 def _write_scene(run: Run) -> None:

@@ -294,7 +294,7 @@ def crowns(
 
     Raises
     ------
-    SpecError : points that are none, or not one label for each.
+    SpecError : points that are none, or not one label for each; trees without these columns.
 
     >>> import numpy as np
     >>> from forest_addon import api as forest
@@ -307,16 +307,21 @@ def crowns(
     points, tree = points_of("points", points), np.asarray(tree)
     if tree.shape != (len(points),):
         raise SpecError("tree", f"takes a label for each of {len(points):,} points")
+    try:
+        columns = [np.atleast_1d(trees[name]) for name in ("x_m", "y_m", "z_m", "dbh_m", "tree")]
+        foot, stems = np.column_stack(columns[:3]), np.column_stack(columns)[:, 3]
+    except (KeyError, TypeError, IndexError, ValueError):
+        said = "takes columns tree, x_m, y_m, z_m and dbh_m of one length, as World.trees"
+        raise SpecError("trees", said) from None
     order = np.argsort(tree, kind="stable")
-    first, stop = (np.searchsorted(tree[order], trees["tree"], side) for side in ("left", "right"))
-    foot = np.column_stack([trees[f"{axis}_m"] for axis in "xyz"])
+    first, stop = (np.searchsorted(tree[order], columns[-1], side) for side in ("left", "right"))
     rows = [
         _crown(points[order[a:b]] - place, stem)
-        for a, b, place, stem in zip(first, stop, foot, trees["dbh_m"], strict=True)
+        for a, b, place, stem in zip(first, stop, foot, stems, strict=True)
     ]
     height, base, diameter = np.reshape(rows, (-1, 3)).T
     return {
-        "tree": np.array(trees["tree"]),
+        "tree": columns[-1],
         "height_m": height,
         "crown_base_m": base,
         "crown_diameter_m": diameter,

@@ -9,6 +9,7 @@ made, not when this is imported.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -77,6 +78,7 @@ from ..site import ForestSite
 from ..spec import with_files
 from .given import path_of, scene_of
 
+READING = threading.RLock()  # Blender's scene is evaluated by one thread at a time
 MOST_PIXELS = 8192  # along a side of a hemispherical picture
 
 
@@ -244,8 +246,9 @@ class World:
         if self.forest is not None and standing_forest(self._place) is not self.forest:
             other = "another forest was built in its place; build this one again to look at it"
             raise SpecError("world", other)
-        observer = Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
-        observer.blow(self._swaying, seconds_of(self._place))
+        with READING:
+            observer = Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
+            observer.blow(self._swaying, seconds_of(self._place))
         return observer
 
     @cached_property

@@ -363,7 +363,12 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
         self._next = []
         chosen, where = _started(options)
         if isinstance(seed, (list, tuple)):
-            seeds = [seeding.np_random(one)[1] for one in seed]
+            seeds = [
+                int(seeding.np_random()[0].integers(2**31))
+                if one is None
+                else seeding.np_random(one)[1]
+                for one in seed
+            ]
         else:
             super().reset(seed=seed)
             first = int(self.np_random.integers(2**31)) if seed is None else seed

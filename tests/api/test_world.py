@@ -8,6 +8,8 @@ import io
 import pickle
 import runpy
 import sys
+import threading
+import time
 import typing
 from collections.abc import Iterator
 
@@ -40,6 +42,8 @@ BAT = forest.Sonar(position=(-2.0, 3.0, 1.5), beam_width_deg=(60.0, 60.0), cull=
 CLAP = forest.Reverb(source=(-3, 3, 0.2), receiver=(9, 3, 0.2), sample_rate=8000, duration=0.1)
 ROW = forest.Tractor(position=(-3, 0, 1), track=2, step=0.5, angle_step_deg=5, reach=8, top=4)
 FEW, COARSE = (TRIPOD.changed(angle_step_deg=step) for step in (5.0, 20.0))
+TREES = {"tree": [7, 3], "x_m": [50.0, 0.0], "y_m": [0.0, 2.0], "z_m": [1.0, 0.0]}
+TREES = {name: np.array(values) for name, values in {**TREES, "dbh_m": [0.3, 0.3]}.items()}
 QUICK = forest.Sonar(position=(-2.0, 3.0, 1.5), wood=False, band=(60e3, 70e3), max_range=5.0)
 
 
@@ -93,6 +97,27 @@ def test_truth_by_name(world):
     wood = world.skeleton(1)
     assert np.allclose(wood["start"][0, :2], [world.trees["x_m"][1], world.trees["y_m"][1]])
     assert wood["radius"].shape == (len(wood["start"]), 2)
+
+
+def test_threads_read_the_scene_one_after_the_other(world, monkeypatch):
+    from forest_addon.blender.sensors import observe
+
+    read, inside, most = world.observer.of, [], []  # evaluated: threads at once would end Blender
+
+    def slowly(*scene):
+        inside.append(1)
+        most.append(len(inside))
+        time.sleep(0.05)
+        inside.pop()
+        return read(*scene)
+
+    monkeypatch.setattr(observe.Observer, "of", slowly)
+    threads = [threading.Thread(target=lambda: world.observer) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == [1, 1, 1]
 
 
 @pytest.mark.medium
@@ -244,6 +269,10 @@ def other(species):
         (lambda w: w.scan_to("x.laz", ROW), "scan_to: takes a scanner, not a Tractor"),
         (lambda w: w.scan_to("x.doc", FEW), "end its name in .laz"),
         (lambda w: w.scan_to("/no/such/x.laz", FEW), "the folder /no/such is not there"),
+        *(
+            (lambda w, few=few: forest.crowns(np.zeros((1, 3)), [1], few), "trees: takes columns")
+            for few in (None, [1], {"tree": [1]}, {**TREES, "dbh_m": [0.1]})
+        ),
         (lambda w: pickle.dumps(w), "cannot be copied or sent"),
         (lambda w: copy.deepcopy(w), "cannot be copied or sent"),
     ],
@@ -601,9 +630,6 @@ def test_a_stand_that_cannot_be_drawn_is_said_as_any_other_setting():
 
 # -------------------------------------------------------------------------------------------- crowns
 # Crowns in labelled points, beside shapes whose measures are known.
-
-TREES = {"tree": [7, 3], "x_m": [50.0, 0.0], "y_m": [0.0, 2.0], "z_m": [1.0, 0.0]}
-TREES = {name: np.array(values) for name, values in {**TREES, "dbh_m": [0.3, 0.3]}.items()}
 
 
 def turned(rng, angle, long, short, low, high, many=20_000):

@@ -549,3 +549,7 @@ def test_what_stands_in_blender_is_flown_through():
         if info["crashed"]:
             break
     assert info["position"][0] == pytest.approx(4.5 - 0.15, abs=1e-6)
+
+
+def test_a_seed_may_be_left_out_among_seeds():
+    assert many().reset(seed=[None, 1])[1]["position"].shape == (2, 3)

@@ -295,17 +295,6 @@ class Observer:
         begin = self._begins.get(sensor, 0.0)
         return Observation(sensor, self, settings, folder, way, moving, begin)
 
-    def check(self, sensor: Sensor, settings: Scene, folder: Path = Path()) -> Any:
-        """Return the way of a sensor, once all that it names was found and read.
-
-        Raises
-        ------
-        ValueError : as ``way``; another of its files, or an object, is not there or cannot be used.
-        """
-        way = self.way(sensor, folder)
-        kind_of(sensor).check(Observation(choose(sensor)[0], self, settings, folder, way))
-        return way
-
     @staticmethod
     def way(sensor: Sensor, folder: Path = Path()) -> Any:
         """Path of a moving sensor, sampled from Blender's scene or read from a file; None: it

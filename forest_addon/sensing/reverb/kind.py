@@ -14,7 +14,7 @@ from ...base.trimesh import OTHER, is_wood
 from ...base.words import keep
 from ...spec import AUTO, Choice, Reverb, Scene
 from ..audit import AuditPart, figures
-from ..kind import SOUND, Cost, Observation, Seen, SensorKind, chain, cost_of_work
+from ..kind import SOUND, Observation, Seen, SensorKind, chain, cost_of_work
 from ..looks import SensorLook
 
 BEGIN = 0.3  # s, a first guess: leaves and branches are measured
@@ -189,10 +189,6 @@ def _seconds_among(
     return of_trees, (MANY * alone / (alone + FEW) + A_STEM * trees) * channels
 
 
-def _cost(reverb: Reverb, _trajectory: Any, _engine: str) -> Cost:
-    return cost_of_work(reverb, "channels", _channels(reverb), CHANNEL, begin=BEGIN)
-
-
 def sound_outline(reverb: Reverb) -> np.ndarray:
     """The direct path, and the one that the ground z = 0 mirrors."""
     source, receiver = np.asarray(reverb.source), np.asarray(reverb.receiver)
@@ -258,7 +254,9 @@ REVERB = SensorKind(
     empty=_bare,
     check=_check,
     positions=_where_ends_are,
-    cost=_cost,
+    cost=lambda reverb, *_: cost_of_work(
+        reverb, "channels", _channels(reverb), CHANNEL, begin=BEGIN
+    ),
     seconds_among=_seconds_among,
     outline=sound_outline,
     choose=_choose,

@@ -147,12 +147,6 @@ def _trajectory(sonar: Sonar, folder: Path, follower: Follower) -> Trajectory | 
     return followed(follower, sonar.follow, 1.0).visits(sonar.poses, turn, rise, sonar.speed)
 
 
-def _where_it_pings(job: Observation) -> np.ndarray:
-    if job.trajectory is None:
-        return np.array([job.sensor.position])
-    return np.asarray(job.trajectory.position)
-
-
 def _silence(job: Observation, found: Any) -> str:
     """The reason why no ping has an echo."""
     echoes = getattr(found, "echoes", (found,))
@@ -243,7 +237,9 @@ SONAR = SensorKind(
     sways=True,
     trajectory=_trajectory,
     check=_equipment,
-    positions=_where_it_pings,
+    positions=lambda job: np.atleast_2d(
+        job.sensor.position if job.trajectory is None else job.trajectory.position
+    ),
     cost=_cost,
     seconds_among=_seconds_among,
     outline=beam_outline,
