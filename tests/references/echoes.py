@@ -189,7 +189,12 @@ def leaf_discs(scene: SceneGeometry) -> LeafDiscs:
     return LeafDiscs(centre, normal, radius, instance_of, leaf, scene.tree[instance_of])
 
 
-# ------------------------------------------------------------------------------------------- culling
+# -------------------------------------------------------------------------------- levels and culling
+
+
+def amplitude_of(echo: Echo, leaf: int) -> float:
+    """Mean |A| of a leaf, 0 where it is not heard."""
+    return float(echo.heard.amplitude[echo.heard.number == leaf].sum())
 
 
 def culled(targets: EchoTargets | LeafDiscs, sonar: Sonar, cull: float, **given: Any) -> Echo:

@@ -6,6 +6,7 @@ import laspy
 import numpy as np
 import pye57
 from pypcd4 import PointCloud
+from scipy.spatial import cKDTree
 
 from forest_addon.sensing.lidar.cloud import Cloud, Returns
 
@@ -77,6 +78,17 @@ def of_another_reader(path, ending):
     found, origin, _ = ply_rows(path)
     place = np.stack([found[axis] for axis in "xyz"], axis=1)
     return place.astype(float) + origin, "tree", found["tree"]
+
+
+def holds(path, ending, rows, step):
+    """Another reader finds every row in a file, within so many metres, in order but in an octree, which has
+    an order of its own."""
+    place, name, told = of_another_reader(path, ending)
+    truth = np.stack([rows[axis] for axis in "xyz"], axis=1)
+    order = cKDTree(place).query(truth)[1] if ending == ".copc.laz" else np.arange(len(place))
+    assert len(set(order)) == len(place) == len(rows) > 0
+    assert np.abs(place[order] - truth).max() <= step
+    np.testing.assert_array_equal(np.asarray(told)[order], rows[name])
 
 
 def ply_rows(path):

@@ -33,6 +33,11 @@ def clouds():
     return [obj for obj in bpy.data.objects if CLOUD_KEY in obj]
 
 
+def excluded(_):
+    """The forest is left out of the view layer."""
+    bpy.context.view_layer.layer_collection.children["Forest"].exclude = True
+
+
 def counts():
     """Return numbers of blocks of each kind."""
     kinds = ("objects", "meshes", "materials", "collections", "node_groups", "images")

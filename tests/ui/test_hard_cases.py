@@ -18,7 +18,7 @@ bpy = pytest.importorskip("bpy")
 from references.disks import files_up_to
 from references.scenes import add_collection
 from ui import pressing, test_panels
-from ui.pressing import ROOT, add_cube
+from ui.pressing import ROOT, add_cube, excluded
 
 from forest_addon import spec, ui
 from forest_addon.blender.jobs import Job
@@ -241,10 +241,6 @@ def linked_forest(folder, override=False):
 
 def overridden_forest(folder):
     linked_forest(folder, override=True)
-
-
-def excluded(_):
-    bpy.context.view_layer.layer_collection.children["Forest"].exclude = True
 
 
 def hidden(_):

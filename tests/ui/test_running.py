@@ -16,7 +16,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ui.pressing import SENSORS, add_cube, counts, facts, press, settings_of, trees
+from ui.pressing import SENSORS, add_cube, counts, excluded, facts, press, settings_of, trees
 
 from forest_addon import spec, ui
 from forest_addon.blender.jobs import Job
@@ -376,10 +376,6 @@ def chosen(name):
         bpy.context.view_layer.objects.active = bpy.data.objects[name]
 
     return choose
-
-
-def excluded(_):
-    bpy.context.view_layer.layer_collection.children["Forest"].exclude = True
 
 
 def names_alike(at):

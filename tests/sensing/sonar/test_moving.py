@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.echoes import culled, scene_of, square_leaves
+from references.echoes import amplitude_of, culled, scene_of, square_leaves
 from references.rays import BruteCaster
 from scipy.spatial.transform import Rotation
 
@@ -197,7 +197,7 @@ def test_doppler_knows_how_a_plate_bends():
 # --------------------------------------------------------------------------------------------- windy
 # Echoes of trees in the wind: against leaves laid out where they are then, and Doppler's closed form.
 
-WINDY_AIR = Air(sound_speed=340.0)
+AIR = Air(sound_speed=340.0)
 GONE = np.array([1.5, -0.4, 0.2])  # m/s of the upper piece
 SPIN = np.array([0.1, 0.2, -0.15])  # rad/s of its turn
 
@@ -276,10 +276,10 @@ def test_an_echo_is_that_of_leaves_where_they_are(flutters):
         position=(0, 0, 0), cull=0.0, tolerance=0.0, max_range=9, shading="none", record=0.06
     )
     targets = EchoTargets(scene, wind=EchoWind(scene, sways))
-    found = ping(targets, sonar, WINDY_AIR, pose=replace(posed(sonar), time=time))
+    found = ping(targets, sonar, AIR, pose=replace(posed(sonar), time=time))
     first = scene_of(posed_mesh(mesh, sways, time), PLACED[0])
     other = scene_of(mesh, PLACED[1])
-    alone = [ping(EchoTargets(one), sonar, WINDY_AIR).spectra for one in (first, other)]
+    alone = [ping(EchoTargets(one), sonar, AIR).spectra for one in (first, other)]
     whole = sum(alone)
     assert np.abs(found.spectra - whole).max() < 2e-3 * np.abs(whole).max()
 
@@ -322,10 +322,10 @@ def test_doppler_of_what_goes_straight_away(away, own):
         position=(0, 0, 0), speed=own, max_range=9, shading="none", call="fm", doppler=True
     )
     straight = Shifted(lambda time: (away * time, away))
-    found = ping(EchoTargets(scene, wind=EchoWind(scene, straight)), sonar, WINDY_AIR)
+    found = ping(EchoTargets(scene, wind=EchoWind(scene, straight)), sonar, AIR)
     (group,) = found.groups
     c = 340.0
-    alpha = factors(group, Station(sonar, WINDY_AIR, posed(sonar), Equipment.of(sonar)), 0)
+    alpha = factors(group, Station(sonar, AIR, posed(sonar), Equipment.of(sonar)), 0)
     expected = (c + own) * (c - away) / ((c - own) * (c + away))
     assert alpha == pytest.approx(expected, rel=1e-12)
 
@@ -347,7 +347,7 @@ def test_velocity_is_the_change_of_place():
     step, rows = 1e-4, []
     for time in (0.5 - step / 2, 0.5, 0.5 + step / 2):
         pose = SonarPose(np.zeros(3), np.eye(3), np.zeros(3), None, time)
-        groups = [g for g in ping(targets, sonar, WINDY_AIR, pose=pose).groups if len(g)]
+        groups = [g for g in ping(targets, sonar, AIR, pose=pose).groups if len(g)]
         group = max(groups, key=len)
         key = np.lexsort((group.scatterers.number, group.instance))
         rows.append((group.scatterers.centre[key], group.velocity[key]))
@@ -383,7 +383,7 @@ def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
     high = 83e3 - 0.05 * 23e3
 
     def alike():
-        echo = ping(targets, sonar, WINDY_AIR, pose=pose)
+        echo = ping(targets, sonar, AIR, pose=pose)
         sent = np.linspace(0.006, 0.036, 20_000)  # in the tone, faded in
         back = sent + 2 * (4.0 + SWINGS * 1e-3 * np.sin(TONE * (0.02 + sent))) / 340.0
         rows = (echo.time > back[0]) & (echo.time < back[-1])
@@ -402,7 +402,7 @@ def test_truth_tells_where_leaves_rest(tmp_path):
     scene = scene_of(mesh, *PLACED)
     sonar = Sonar(position=(0, 0, 0), beam="omni", cull=0.0, max_range=20, shading="none")
     pose = SonarPose(np.zeros(3), np.eye(3), np.zeros(3), None, 0.7)
-    echo = ping(EchoTargets(scene, wind=EchoWind(scene, sways)), sonar, WINDY_AIR, pose=pose)
+    echo = ping(EchoTargets(scene, wind=EchoWind(scene, sways)), sonar, AIR, pose=pose)
     heard = echo.heard
     count = int(mesh.leaf.max()) + 1
     corners = mesh.vertices[mesh.triangles]
@@ -416,7 +416,7 @@ def test_truth_tells_where_leaves_rest(tmp_path):
     with np.load(file) as kept:
         assert np.allclose(kept["rest"], heard.rest + np.array([100.0, 0.0, 0.0]))
         assert np.array_equal(kept["velocity"], heard.velocity)
-    still = ping(EchoTargets(scene), sonar, WINDY_AIR)
+    still = ping(EchoTargets(scene), sonar, AIR)
     assert still.heard.rest is None
     *_, file = write_echo(tmp_path, sonar.changed(contributions=True), still)
     with np.load(file) as kept:
@@ -436,8 +436,6 @@ def test_the_nearest_rotation_of_what_bends_inside_out_is_one():
 # ------------------------------------------------------------------------------------------- shading
 # Shading: Beer-Lambert through leaves by rays, trunks as hard edges, both.
 
-SHADING_AIR = Air(sound_speed=340.0)
-
 
 def haze(count: int, side: float, seed: int = 0, facing: bool = False) -> TriMesh:
     """Leaves at random in a box 2 to 3 m ahead, 1.2 m wide."""
@@ -449,7 +447,7 @@ def haze(count: int, side: float, seed: int = 0, facing: bool = False) -> TriMes
 
 def depths(mesh: TriMesh, distance: float, spread: int = 9) -> np.ndarray:
     sonar = Sonar(position=(0, 0, 0))
-    station = Station(sonar, SHADING_AIR, posed(sonar), Equipment.of(sonar))
+    station = Station(sonar, AIR, posed(sonar), Equipment.of(sonar))
     angles = (np.arange(spread) - spread // 2) * CELL / 2
     az, el = (grid.ravel() for grid in np.meshgrid(angles, angles))
     caster = BruteCaster(scene_of(mesh))
@@ -480,17 +478,14 @@ def test_two_ways_weaken_the_pressure_by_the_depth() -> None:
     targets = EchoTargets(scene_of(join([screen, target])))
     caster = BruteCaster(targets.scene)
     settings = {"position": (0, 0, 0), "cull": 0.0}
-    clear = ping(targets, Sonar(shading="none", **settings), SHADING_AIR)
-    dim = ping(targets, Sonar(shading="extinction", **settings), SHADING_AIR, everything=caster)
+    clear = ping(targets, Sonar(shading="none", **settings), AIR)
+    dim = ping(targets, Sonar(shading="extinction", **settings), AIR, everything=caster)
 
-    def size(echo, leaf):
-        return float(echo.heard.amplitude[echo.heard.number == leaf].sum())
-
-    assert size(dim, 801) == pytest.approx(size(clear, 801), rel=1e-9)
-    depth = -math.log(size(dim, 800) / size(clear, 800))
+    assert amplitude_of(dim, 801) == pytest.approx(amplitude_of(clear, 801), rel=1e-9)
+    depth = -math.log(amplitude_of(dim, 800) / amplitude_of(clear, 800))
     assert depth == pytest.approx(depths(screen, 4.0, spread=1)[0], rel=1e-3)
     with pytest.raises(ValueError, match="needs rays"):
-        ping(targets, Sonar(shading="extinction", **settings), SHADING_AIR)
+        ping(targets, Sonar(shading="extinction", **settings), AIR)
 
 
 @pytest.mark.medium
@@ -510,23 +505,21 @@ def test_trunks_and_leaves_together() -> None:
     both = ping(
         targets,
         Sonar(shading="trunks+extinction", **settings),
-        SHADING_AIR,
+        AIR,
         wood,
         everything=everything,
     )
     assert both.hidden == 1
     leaf = {int(n): a for n, a in zip(both.heard.number, both.heard.amplitude, strict=True)}
     assert 801 not in leaf
-    clear = ping(targets, Sonar(shading="none", **settings), SHADING_AIR)
+    clear = ping(targets, Sonar(shading="none", **settings), AIR)
     whole = {int(n): a for n, a in zip(clear.heard.number, clear.heard.amplitude, strict=True)}
     assert leaf[800] < 0.9 * whole[800]
 
 
 def pinged(targets: EchoTargets, **settings: object) -> Echo:
     base = {"position": (0, 0, 0), "wood": False, "shading": "extinction", "tolerance": 0.0}
-    return ping(
-        targets, Sonar(**{**base, **settings}), SHADING_AIR, everything=BruteCaster(targets.scene)
-    )
+    return ping(targets, Sonar(**{**base, **settings}), AIR, everything=BruteCaster(targets.scene))
 
 
 @pytest.mark.medium
@@ -558,12 +551,10 @@ def test_a_leaf_larger_than_the_fresnel_zone_casts_a_shadow(side: float, passes)
     screen = square_leaves(at[:1], np.array([[1.0, 0, 0]]), side)
     target = square_leaves(at[1:], np.array([[1.0, 0, 0]]), 0.05)
     targets = EchoTargets(scene_of(join([screen, target])))
-
-    def size(echo: Echo) -> float:
-        return float(echo.heard.amplitude[echo.heard.number == 1].sum())
-
-    share = size(pinged(targets, cull=0.0)) / size(pinged(targets, cull=0.0, shading="none"))
-    assert passes[0] <= share <= passes[1]
+    dim, clear = (
+        amplitude_of(pinged(targets, cull=0.0, shading=way), 1) for way in ("extinction", "none")
+    )
+    assert passes[0] <= dim / clear <= passes[1]
 
 
 def test_a_leaf_does_not_shade_itself() -> None:

@@ -7,7 +7,15 @@ import mpmath
 import numpy as np
 import pytest
 from references.discs import HardDisc
-from references.echoes import LINEAR, culled, discs_of, leaf_direct, leaf_discs, scene_of
+from references.echoes import (
+    LINEAR,
+    amplitude_of,
+    culled,
+    discs_of,
+    leaf_direct,
+    leaf_discs,
+    scene_of,
+)
 from references.rays import BruteCaster
 
 from forest_addon.acoustics import nonuniform
@@ -81,11 +89,6 @@ def test_spectrum_against_scalar_loops(model: str, absorption: bool, elevation: 
 def numbers(echo: Echo) -> list[int]:
     """The leaves that are heard, in order of their numbers."""
     return sorted(set(echo.heard.number.tolist()))
-
-
-def amplitude_of(echo: Echo, leaf: int) -> float:
-    """Mean |A| of a leaf, 0 where it is not heard."""
-    return float(echo.heard.amplitude[echo.heard.number == leaf].sum())
 
 
 def analytic_at(echo: Echo, time: np.ndarray) -> np.ndarray:

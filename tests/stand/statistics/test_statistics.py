@@ -488,7 +488,6 @@ def test_a_given_number_of_hills():
 # -------------------------------------------------------------------------------------------- kernel
 # Kernel estimates against the direct sum, and against the intensities that points were drawn from.
 
-KERNEL_FIELD = Window.rectangle((0, 0), (100, 80))
 KERNEL_HILLS = Mixture(
     np.array([1.0, 1.6]),
     np.array([[40.0, 40.0], [65.0, 55.0]]),
@@ -505,13 +504,10 @@ def middles(step):
 def test_it_is_the_direct_sum_with_the_edge_correction(sigma):
     points = stream(1, "kernel").uniform([0, 0], [100, 80], (60, 2))
     points[:4] = points[4]  # a tree that was entered five times
-    found = kernel_estimate(points, KERNEL_FIELD, sigma)
+    found = kernel_estimate(points, FIELD, sigma)
     places = np.vstack([points, [[0, 0], [100, 80], [50, 0.3]]])
-    direct = [kernel_direct(p, points, KERNEL_FIELD.low, KERNEL_FIELD.high, sigma) for p in places]
-    left = [
-        kernel_direct(p, points, KERNEL_FIELD.low, KERNEL_FIELD.high, sigma, skip=True)
-        for p in points
-    ]
+    direct = [kernel_direct(p, points, FIELD.low, FIELD.high, sigma) for p in places]
+    left = [kernel_direct(p, points, FIELD.low, FIELD.high, sigma, skip=True) for p in points]
     # Pixels of σ/4 or finer cost at most 2 % of the peak of one tree.
     allowed = 0.02 * np.max(direct)
     assert found.at(places) == pytest.approx(direct, abs=allowed)
@@ -520,7 +516,7 @@ def test_it_is_the_direct_sum_with_the_edge_correction(sigma):
 
 @pytest.mark.parametrize(
     "window",
-    [KERNEL_FIELD, Window((np.array([[0, 0], [100, 0], [90, 80], [0, 60.0]]),))],
+    [FIELD, Window((np.array([[0, 0], [100, 0], [90, 80], [0, 60.0]]),))],
     ids=["rectangle", "polygon"],
 )
 def test_every_tree_counts_once_however_near_the_edge(window):
@@ -536,9 +532,9 @@ def test_every_tree_counts_once_however_near_the_edge(window):
 @pytest.mark.medium
 def test_far_from_the_origin_it_is_the_same():
     points = stream(3, "kernel").uniform([0, 0], [100, 80], (200, 2))
-    there = Window.rectangle(KERNEL_FIELD.low + UTM, KERNEL_FIELD.high + UTM)
+    there = Window.rectangle(FIELD.low + UTM, FIELD.high + UTM)
     moved = kernel_estimate(points + UTM, there)
-    here = kernel_estimate(points, KERNEL_FIELD)
+    here = kernel_estimate(points, FIELD)
     assert moved.bandwidth == pytest.approx(here.bandwidth, rel=1e-6)
     assert moved.at(points + UTM) == pytest.approx(here.at(points), rel=1e-5)
 
@@ -549,7 +545,7 @@ def test_the_bandwidth_is_near_the_best_and_shrinks_with_more_trees():
     for count in (300, 10_000):
         process = _process(count)
         points = sample(process, stream(4, "kernel"))
-        found.append(choose_bandwidth(points, KERNEL_FIELD))
+        found.append(choose_bandwidth(points, FIELD))
         error = _error(points, process, found[-1])
         # Not more than a fifth above the least error of any bandwidth.
         others = [_error(points, process, found[-1] * f) for f in (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)]
@@ -584,7 +580,7 @@ def test_the_error_falls_at_the_rate_of_kernel_estimates():
 )
 def test_hard_cases_stay_finite_and_keep_their_number(points):
     points = np.array(points)
-    found = kernel_estimate(points, KERNEL_FIELD)
+    found = kernel_estimate(points, FIELD)
     assert found.bandwidth > 0
     assert np.isfinite(found.value).all()
     assert found.expected == pytest.approx(len(points), rel=1e-9)
@@ -592,15 +588,15 @@ def test_hard_cases_stay_finite_and_keep_their_number(points):
 
 def test_what_cannot_be_used_is_refused():
     with pytest.raises(ValueError, match="at least one tree"):
-        kernel_estimate(np.empty((0, 2)), KERNEL_FIELD)
+        kernel_estimate(np.empty((0, 2)), FIELD)
     with pytest.raises(ValueError, match="outside the window"):
-        kernel_estimate(np.array([[5.0, 90.0]]), KERNEL_FIELD)
+        kernel_estimate(np.array([[5.0, 90.0]]), FIELD)
     with pytest.raises(ValueError, match="larger than 0"):
-        kernel_estimate(np.array([[5.0, 9.0]]), KERNEL_FIELD, 0.0)
+        kernel_estimate(np.array([[5.0, 9.0]]), FIELD, 0.0)
 
 
 def _process(count):
-    process = Process(KERNEL_HILLS, KERNEL_FIELD.low, KERNEL_FIELD.high)
+    process = Process(KERNEL_HILLS, FIELD.low, FIELD.high)
     return process.scaled(count / process.expected)
 
 
@@ -608,9 +604,7 @@ def _error(points, process, bandwidth=None):
     """Integrated squared error over that of λ."""
     at = middles(1.0)
     law = process.at(at)
-    return ((kernel_estimate(points, KERNEL_FIELD, bandwidth).at(at) - law) ** 2).sum() / (
-        law**2
-    ).sum()
+    return ((kernel_estimate(points, FIELD, bandwidth).at(at) - law) ** 2).sum() / (law**2).sum()
 
 
 # -------------------------------------------------------------------------------------------- window
