@@ -131,28 +131,24 @@ static double meet(const struct cast_scene *scene, const struct ray *ray, double
 /* Writes which instance was met, and where that is at the ray's time. */
 static void find(const struct cast_scene *scene, struct ray *ray, const struct ray_hit *sent)
 {
-    const double *from, *to;
-    int64_t step;
+    int64_t step = (int64_t)larger(0.0, smaller(ray->knot, (double)(scene->steps - 2)));
     ray->triangle = sent->triangle;
-    if (scene->steps == 0) {
-        ray->instance = sent->instance;
-        ray->place = scene->transform + 12 * ray->instance;
-        return;
+    ray->instance = scene->steps ? scene->piece[sent->of_array] : sent->instance;
+    ray->place = scene->steps ? ray->there : scene->transform + 12 * ray->instance;
+    for (int k = 0; k < 12 && scene->steps; k++) {
+        const double *from = scene->transform + 12 * (step * scene->pieces + sent->of_array) + k;
+        ray->there[k] = *from + (ray->knot - (double)step) * (from[12 * scene->pieces] - *from);
     }
-    ray->instance = scene->piece[sent->of_array];
-    step = (int64_t)larger(0.0, smaller(ray->knot, (double)(scene->steps - 2)));
-    from = scene->transform + 12 * (step * scene->pieces + sent->of_array);
-    to = from + 12 * scene->pieces;
-    for (int k = 0; k < 12; k++)
-        ray->there[k] = from[k] + (ray->knot - (double)step) * (to[k] - from[k]);
-    ray->place = ray->there;
 }
 
 /* Readies a ray to be sent into the scene from a distance on; 0 where it passes by all. */
 static int aim(const struct cast_scene *scene, const struct ray *ray, double begin, struct ray_hit *sent)
 {
-    double end = ray->far, reach;
-    for (int a = 0; a < 3; a++) {
+    double end = ray->far;
+    int inside = 1; /* the box, which then does not limit where it begins */
+    for (int a = 0; a < 3; a++)
+        inside &= scene->low[a] <= ray->origin[a] && ray->origin[a] <= scene->high[a];
+    for (int a = 0; a < 3 && !inside; a++) {
         double slope = 1.0 / (fabs(ray->way[a]) < TINY ? TINY : ray->way[a]);
         double one = (scene->low[a] - ray->origin[a]) * slope;
         double other = (scene->high[a] - ray->origin[a]) * slope;
@@ -165,10 +161,9 @@ static int aim(const struct cast_scene *scene, const struct ray *ray, double beg
         sent->origin[a] = (float)(begin * ray->way[a] + ray->origin[a] - scene->centre[a]);
         sent->way[a] = (float)ray->way[a];
     }
-    reach = (ray->far - begin) * (1.0 + 1e-6) + scene->slack;
     sent->near = 0.0f;
     sent->time = scene->steps ? (float)(ray->knot / (double)(scene->steps - 1)) : 0.0f;
-    sent->far = (float)smaller(reach, FAR);
+    sent->far = (float)smaller((ray->far - begin) * (1.0 + 1e-6) + scene->slack, FAR);
     sent->mask = sent->geometry = sent->instance = NONE;
     return 1;
 }

@@ -70,10 +70,10 @@ struct cast_scene {
 /* Finds the closest hit of each ray, as RayCaster in forest_addon/sensing/rays/caster.py promises it.
  *
  * origin, direction: (count, 3). near, far: (count) metres. knot: (count) a ray's time, from 0 to steps - 1.
- * left_instance, left_triangle: (count) what a ray
- * leaves, -1 nothing. Written are distance (count) metres, infinite for a miss; instance and triangle (count),
- * -1 for a miss; normal (count, 3), unit vectors in the world, NaN for a miss. A hit depends on its ray
- * and its time alone, not on those beside it.
+ * left_instance, left_triangle: (count) what a ray leaves, -1 nothing; they may be instance and triangle, all -1.
+ * Written are distance (count) metres, infinite for a miss; instance and triangle (count), -1 for a miss; normal
+ * (count, 3), unit vectors in the world, NaN for a miss. A hit depends on its ray and its time alone, not on those
+ * beside it.
  */
 KERNEL void cast_rays(const struct cast_scene *scene, int64_t count, const double *origin,
                       const double *direction, const double *near, const double *far, const double *knot,

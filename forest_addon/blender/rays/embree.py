@@ -209,9 +209,9 @@ class EmbreeSearch(Search):
         ]
         knot = self._knot(np.full(count, time, np.float64))
         rays += [np.full(count, limit, np.float64) for limit in (min_distance, max_distance)]
-        left = 2 * [np.full(count, -1)] if leaving is None else [leaving.instance, leaving.triangle]
-        hits = Hits(np.empty(count), *np.empty((2, count), np.int64), np.empty((count, 3)))
-        rays += [knot, *left, *vars(hits).values()]
+        hits = Hits(np.empty(count), *np.full((2, count), -1, np.int64), np.empty((count, 3)))
+        left = hits if leaving is None else leaving  # -1 until the kernel writes
+        rays += [knot, left.instance, left.triangle, *vars(hits).values()]
 
         def task(part: slice) -> None:
             columns = [column[part] for column in rays]
