@@ -528,8 +528,7 @@ def test_source_and_receiver_stand_free() -> None:
 
 
 def test_no_field_no_forest() -> None:
-    nothing = Trunks(np.empty((0, 2)), np.empty(0), np.empty(0, np.int64))
-    assert len(continue_trunks(nothing, FIELD, np.zeros(2), 100.0, stream(0, "b"))) == 0
+    assert len(continue_trunks(NOTHING, FIELD, np.zeros(2), 100.0, stream(0, "b"))) == 0
     # Reaching no farther than the field adds nothing.
     assert len(continue_trunks(planted(), FIELD, np.zeros(2), 5.0, stream(0, "b"))) == 0
 
