@@ -83,6 +83,10 @@ class TriMesh:
         points: np.ndarray = vars(self)["vertices"]
         return points
 
+    def narrow(self) -> None:
+        """Keep the vertices in float32 from now on, as Blender has them."""
+        _keep(self, self.points.astype(np.float32, copy=False))
+
     def known_edges(self) -> Edges | None:
         """The edges, made now where they were left for later."""
         return self.edges() if callable(self.edges) else self.edges
@@ -123,9 +127,16 @@ class TriMesh:
 
 
 def _keep(mesh: TriMesh, vertices: np.ndarray) -> None:
-    if vertices.dtype == np.float32:  # Embree reads them where they are, 16 bytes at a time
+    if vertices.dtype == np.float32 and not _has_room(vertices):
         vertices = np.concatenate([vertices, np.zeros((1, 3), np.float32)])[:-1]
     vars(mesh)["vertices"] = vertices
+
+
+def _has_room(rows: np.ndarray) -> bool:
+    """Return whether a row more is behind these: Embree reads them where they are, 16 bytes at a time."""
+    owner = rows.base
+    begins = isinstance(owner, np.ndarray) and owner.ctypes.data == rows.ctypes.data
+    return begins and rows.flags.c_contiguous and owner.nbytes >= rows.nbytes + rows.strides[0]
 
 
 TriMesh.vertices = property(  # type: ignore[assignment]

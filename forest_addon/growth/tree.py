@@ -83,6 +83,12 @@ class Tree:
         """Metres from the ground to the highest point."""
         return float(self.mesh.vertices[:, 2].max(initial=0.0))
 
+    def narrow(self) -> Tree:
+        """Keep the mesh in single precision from now on, and the height as it is."""
+        _ = self.height  # which is kept
+        self.mesh.narrow()
+        return self
+
     @property
     def nbytes(self) -> int:
         """Bytes of its arrays."""

@@ -110,7 +110,8 @@ class GrownForest:
     """A stand and its trees.
 
     labels : a name for every planting. species : what each plants.
-    variants : grown trees by (planting, variant).
+    variants : grown trees by (planting, variant), with meshes in single precision, as Blender and sensors
+        have them.
     wanted : (N, 5) what trees were to measure, NaN where nothing was said; None where of none.
     laws : the allometry of each planting with targets. notes : sentences about what a list says in vain.
     chosen : what was left to the scene's sensors, and detail : sentences about it (``sensing/detail``).
@@ -125,6 +126,10 @@ class GrownForest:
     notes: tuple[str, ...] = ()
     chosen: tuple[Choice, ...] = ()
     detail: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for tree in self.variants.values():
+            tree.narrow()
 
     @cached_property
     def truth(self) -> dict[tuple[int, int], dict[str, float]]:
@@ -225,10 +230,10 @@ class ForestPlan:
             words = (self.scene.seed, "tree", name, variant)
             make = partial(grow, species, templates, wanted=target)
             if self.kept is None:
-                tree = make(stream(*words))
+                tree = make(stream(*words)).narrow()
             else:
                 key = key_of(words, species, templates, target)
-                tree, _ = self.kept.once(key, lambda: (make(stream(*words)), templates))
+                tree, _ = self.kept.once(key, lambda: (make(stream(*words)).narrow(), templates))
         share = fallen(self.scene.plantings[planting].season)
         return with_fallen(tree, share, stream(self.scene.seed, "tree", name, variant, "fall"))
 
