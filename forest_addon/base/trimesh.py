@@ -135,8 +135,12 @@ def _keep(mesh: TriMesh, vertices: np.ndarray) -> None:
 def _has_room(rows: np.ndarray) -> bool:
     """Return whether a row more is behind these: Embree reads them where they are, 16 bytes at a time."""
     owner = rows.base
-    begins = isinstance(owner, np.ndarray) and owner.ctypes.data == rows.ctypes.data
-    return begins and rows.flags.c_contiguous and owner.nbytes >= rows.nbytes + rows.strides[0]
+    return (
+        isinstance(owner, np.ndarray)
+        and rows.flags.c_contiguous
+        and rows.ctypes.data == owner.ctypes.data
+        and rows.nbytes + rows.strides[0] <= owner.nbytes
+    )
 
 
 TriMesh.vertices = property(  # type: ignore[assignment]
@@ -152,28 +156,21 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
     """One mesh out of several; leaf numbers of later meshes follow on those of earlier ones."""
     if not meshes:
         return TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)
-    sizes = [len(m.triangles) for m in meshes]
-    triangles = np.empty((sum(sizes), 3), dtype=np.int32)
-    leaf = np.empty(sum(sizes), dtype=np.int32)
-    start = first_vertex = first_leaf = 0
-    for m, size in zip(meshes, sizes, strict=True):
-        stop = start + size
-        np.add(m.triangles, first_vertex, out=triangles[start:stop], casting="unsafe")
-        largest = int(m.leaf.max(initial=-1))
-        leaf[start:stop] = m.leaf
-        if largest >= 0 and first_leaf:
-            leaf[start:stop][m.leaf >= 0] += first_leaf
-        first_vertex += len(m.vertices)
-        first_leaf += largest + 1
-        start = stop
+    triangles, leaf = [], []
+    first_vertex = first_leaf = 0
+    for m in meshes:
+        triangles.append(m.triangles + np.int32(first_vertex))
+        leaf.append(np.where(m.leaf < 0, m.leaf, m.leaf + np.int32(first_leaf)))
+        first_vertex += len(m.points)
+        first_leaf += int(m.leaf.max(initial=-1)) + 1
     has_uv = all(m.uv is not None for m in meshes)
     has_order = all(m.order is not None for m in meshes)
-    edges = [(m.edges, len(m.vertices)) for m in meshes if m.edges is not None]
+    edges = [(m.edges, len(m.points)) for m in meshes if m.edges is not None]
     return TriMesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
-        triangles=triangles,
+        triangles=np.concatenate(triangles),
         part=np.concatenate([m.part for m in meshes]),
-        leaf=leaf,
+        leaf=np.concatenate(leaf),
         material=np.concatenate([m.material for m in meshes]),
         uv=np.concatenate([m.uv for m in meshes if m.uv is not None]) if has_uv else None,
         order=np.concatenate([m.order for m in meshes if m.order is not None])

@@ -110,8 +110,7 @@ class GrownForest:
     """A stand and its trees.
 
     labels : a name for every planting. species : what each plants.
-    variants : grown trees by (planting, variant), with meshes in single precision, as Blender and sensors
-        have them.
+    variants : grown trees by (planting, variant).
     wanted : (N, 5) what trees were to measure, NaN where nothing was said; None where of none.
     laws : the allometry of each planting with targets. notes : sentences about what a list says in vain.
     chosen : what was left to the scene's sensors, and detail : sentences about it (``sensing/detail``).
@@ -126,10 +125,6 @@ class GrownForest:
     notes: tuple[str, ...] = ()
     chosen: tuple[Choice, ...] = ()
     detail: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for tree in self.variants.values():
-            tree.narrow()
 
     @cached_property
     def truth(self) -> dict[tuple[int, int], dict[str, float]]:
@@ -235,7 +230,8 @@ class ForestPlan:
                 key = key_of(words, species, templates, target)
                 tree, _ = self.kept.once(key, lambda: (make(stream(*words)).narrow(), templates))
         share = fallen(self.scene.plantings[planting].season)
-        return with_fallen(tree, share, stream(self.scene.seed, "tree", name, variant, "fall"))
+        drawn = stream(self.scene.seed, "tree", name, variant, "fall")
+        return with_fallen(tree, share, drawn).narrow()
 
     def grow(self, progress: Progress | None = None) -> GrownForest:
         """Grow the variants that occur in the stand and sink their feet into the ground."""
