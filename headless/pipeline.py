@@ -90,8 +90,8 @@ from .report.page import BUDGET, turning_cloud
 DRY = 1.0  # per cent of relative humidity, which no air has
 SURELY = 2.0  # times the memory that is free: what asks for more is refused, as it is known to a factor of 2
 SENSED, EXPORTED = (
-    3.5,
-    7.5,
+    4.0,
+    9.5,
 )  # times what trees hold as they grew: in Blender and for rays, and as glTF
 KNOWN = 1.25  # to which factor that is known
 LONG = 30.0  # s of a sensor, from which on its cost is said before
