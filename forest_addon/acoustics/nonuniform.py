@@ -38,6 +38,10 @@ Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 # Numbers of nodes.
 LEVELS = np.unique(np.rint(2.0 * 1.2 ** np.arange(29)).astype(np.int64))  # up to 330
 FIRST = np.searchsorted(LEVELS, np.arange(LEVELS[-1] + 2))  # of these that is no smaller
+TURNS, FAINT = (
+    (1e-3, 1e4),
+    1e-9,
+)  # what echoes turn and how loud they are, over the loudest, that is told apart
 FALLS = np.geomspace(1e-6, 1e4, 2048)  # nepers over the turn
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
@@ -146,17 +150,25 @@ def _planned(
 
     alike : how many times their root of the sum of squares errors are together, at most.
     """
-    turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), loud.shape)
-    total = float(loud.sum())
-    chance = 0.5 / len(loud) + (0.5 / total) * loud  # of being drawn, over how many are
-    # By exponent and eight bits of a short float: ten times faster than by the turns, which are alike then.
-    like = (turn.astype(np.float32).view(np.uint32) >> 15).astype(np.uint16)
-    order = np.argsort(like, kind="stable")
-    drawn = np.cumsum(chance[order])
+    turn = np.broadcast_to(task.octave + math.pi * task.width * np.abs(reach), loud.shape)
+    # Echoes that turn about alike and are about as loud are planned as one.
+    (steep, turns), (faint, louds) = (
+        _classed(turn, 4, *TURNS),
+        _classed(loud / loud.max(), 2, FAINT, 1.0),
+    )
+    kind = steep * np.uint16(len(louds)) + faint
+    echoes = np.bincount(kind)
+    there = np.flatnonzero(echoes)
+    echoes, turns, louds = echoes[there], turns[there // len(louds)], louds[there % len(louds)]
+    even = 1.0 / len(loud), 1.0 / float(echoes @ louds)
+    chance = 0.5 * (even[0] + even[1] * louds)  # of each echo being drawn, over how many are
+    drawn = np.cumsum(echoes * chance)
     draws = min(SAMPLES + len(loud) // 256, len(loud))
     places = (np.arange(draws) + 0.5) / draws * drawn[-1]
-    some = order[np.searchsorted(drawn, places).clip(0, len(loud) - 1)]
-    weight = 1.0 / (draws * chance[some])
+    of = np.searchsorted(drawn, places).clip(0, len(there) - 1)
+    before = ((drawn[of] - places) / chance[of]).astype(np.int64).clip(0, echoes[of] - 1)
+    some = np.argsort(kind, kind="stable")[np.cumsum(echoes)[of] - 1 - before]
+    weight = 1.0 / (draws * chance[of])
     dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
     terms, largest, rough = np.empty((0, draws)), np.empty(draws), np.arange(draws)
     while True:
@@ -176,36 +188,53 @@ def _planned(
     # Twice at the ends of the band, where a term and what the nodes take it for are in phase.
     root = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond
     after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * root) + beyond
-    scale = np.log(total / (len(loud) * loud))  # every echo may be off by the same
+    root[0] = after[0] = 0.0  # directly
+    scale = np.log(even[0] / (even[1] * louds))  # every echo may be off by the same
     levels = LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS]
     last = len(levels) - (task.count > 2 * dense)  # directly, where that is as cheap as more nodes
+    levels = np.append(levels, 0)
 
-    def leveled(rows: np.ndarray | slice, strictness: float) -> np.ndarray:
+    def leveled(kinds: np.ndarray | slice, strictness: float) -> np.ndarray:
         """The first level that leaves so many nepers less than the scale of echoes, at most the last."""
-        nodes = _nodes_for(turn[rows], strictness - math.log(allowed) - scale[rows])
+        nodes = _nodes_for(turns[kinds], strictness - math.log(allowed) - scale[kinds])
         nodes = np.minimum(np.ceil(nodes), len(FIRST) - 1).astype(np.int64)
         return np.minimum(FIRST.take(nodes), last)
 
     def missed(nodes: np.ndarray) -> tuple[float, float]:
         """Errors of the drawn echoes: all in phase, and their root of the sum of squares."""
-        kept = nodes, np.arange(draws)
-        in_phase, random = (np.where(nodes > 0, of[kept], 0.0) for of in (after, 2.0 * root))
-        return float(in_phase @ weight), math.sqrt(float(random**2 @ weight))
+        kept = nodes * draws + np.arange(draws)
+        in_phase, random = after.take(kept), root.take(kept)
+        return float(in_phase @ weight), 2.0 * math.sqrt(float(random * random @ weight))
 
     def together(nodes: np.ndarray) -> float:
         in_phase, random = missed(nodes)
         return min(in_phase, alike * random)
 
     def at_most(strictness: float) -> bool:
-        return together(np.append(levels, 0)[leveled(some, strictness)]) <= enough
+        return together(levels[leveled(of, strictness)]) <= enough
 
     enough = max(allowed * size, FLAT * together(np.full(draws, 2 * dense // 3)))
     chosen = bisect_left(STRICTNESS, True, key=at_most)
     level = leveled(slice(None), float(STRICTNESS[min(chosen, len(STRICTNESS) - 1)]))
-    nodes = _together(level, levels, task.count)
-    error, scattered = (off / (size or 1.0) for off in missed(nodes[some]))
+    nodes = _together(level, echoes, levels, task.count)
+    error, scattered = (off / (size or 1.0) for off in missed(nodes[of]))
     used = np.flatnonzero(np.bincount(nodes)).tolist()
-    return [(number, np.flatnonzero(nodes == number)) for number in used], error, scattered
+    planned = np.zeros(there[-1] + 1, np.int16)
+    planned[there] = nodes
+    planned = planned.take(kind)
+    return [(number, np.flatnonzero(planned == number)) for number in used], error, scattered
+
+
+def _classed(
+    values: np.ndarray, bits: int, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) uint16, classes of values (M,) from ``low`` to ``high``, 2^bits for each doubling, and their
+    middles."""
+    shift = 23 - bits
+    short = values.astype(np.float32).clip(low, high).view(np.uint32) >> shift
+    first = short.min()
+    middles = (np.arange(first, short.max() + 1, dtype=np.uint32) << shift) + (1 << shift - 1)
+    return (short - first).astype(np.uint16), middles.view(np.float32).astype(np.float64)
 
 
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
@@ -226,17 +255,20 @@ def _ratios() -> tuple[np.ndarray, np.ndarray]:
     return ratio, np.diff(ratio, append=ratio[-1])
 
 
-def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
-    """(M,) nodes of levels (M,), some raised to the next that are used: transforms of their own cost more."""
-    echoes = np.bincount(level, minlength=len(levels) + 1)
-    raised = np.arange(len(levels) + 1)
+def _together(level: np.ndarray, held: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
+    """(C,) nodes of levels (C,), some raised to the next that are used: transforms of their own cost more.
+
+    held : (C,) echoes of each. levels : the last is 0, directly.
+    """
+    echoes = np.bincount(level, held, minlength=len(levels))
+    raised = np.arange(len(levels))
     used = np.flatnonzero(echoes[:-1]).tolist()
     for here, following in pairwise(used):
         more = levels[following] - levels[here]
         if echoes[here] * more < TRANSFORM * count * levels[here] + LEVEL:
             echoes[following] += echoes[here]
             raised[raised == here] = following
-    return np.asarray(np.append(levels, 0)[raised[level]])
+    return np.asarray(levels[raised[level]])
 
 
 class _Task:

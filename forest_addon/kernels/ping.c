@@ -358,37 +358,35 @@ void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const dou
                const double *phase, const double *level, const int8_t *wave, const int8_t *end, double largest,
                const double *bend, double first, double step, int64_t cells, const double *tables, double *values)
 {
-    for (int64_t i = 0; i < count; i++) {
-        const double *table = tables + 8 * cells * wave[i];
-        for (int64_t begin = 0; begin < nodes; begin += BLOCK) {
-            int64_t some = nodes - begin < BLOCK ? nodes - begin : BLOCK;
-            const double *k = wavenumber + begin;
-            double place[BLOCK], real[BLOCK], imaginary[BLOCK];
-            for (int64_t q = 0; q < some; q++) {
-                double size = k[q] * radius[i];
-                double inside = size < largest ? size : largest;
-                place[q] = (logarithm(1.0 + 2.0 * inside) - first) / step;
+    for (int64_t begin = 0; begin < count; begin += BLOCK) {
+        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+        for (int64_t q = 0; q < nodes; q++) {
+            double k = wavenumber[q];
+            double *value = values + 2 * (q * count + begin);
+            double size[BLOCK], place[BLOCK], real[BLOCK], imaginary[BLOCK];
+            for (int64_t i = 0; i < some; i++) {
+                size[i] = k * radius[begin + i];
+                double inside = size[i] < largest ? size[i] : largest;
+                place[i] = (logarithm(1.0 + 2.0 * inside) - first) / step;
             }
-            for (int64_t q = 0; q < some; q++)
-                cubic(cells, table, place[q], real + q, imaginary + q);
-            for (int64_t q = 0; q < some; q++) {
-                double size = k[q] * radius[i];
-                double inside = size < largest ? size : largest;
-                double beyond = size > largest ? size / largest : 1.0;
+            for (int64_t i = 0; i < some; i++)
+                cubic(cells, tables + 8 * cells * wave[begin + i], place[i], real + i, imaginary + i);
+            for (int64_t i = 0; i < some; i++) {
+                double inside = size[i] < largest ? size[i] : largest;
+                double beyond = size[i] > largest ? size[i] / largest : 1.0;
                 double bent = 1.0 - 1.0 / beyond;
-                double turn = k[q] * phase[i];
+                double turn = k * phase[begin + i];
                 double cosine, sine;
                 turned_back(-turn / TURN, &cosine, &sine);
                 double along = fabs(turn) < 1e-8 ? 1.0 : sine / turn;
-                along *= level[i] * inside * inside / (1.0 + inside * sqrt(inside)) * sqrt(beyond);
-                double mixed = along * (real[q] * (1.0 + bent * bend[0]) - imaginary[q] * bent * bend[1]);
-                imaginary[q] = -along * (imaginary[q] * (1.0 + bent * bend[0]) + real[q] * bent * bend[1]);
-                real[q] = mixed;
+                along *= level[begin + i] * inside * inside / (1.0 + inside * sqrt(inside)) * sqrt(beyond);
+                double mixed = along * (real[i] * (1.0 + bent * bend[0]) - imaginary[i] * bent * bend[1]);
+                imaginary[i] = -along * (imaginary[i] * (1.0 + bent * bend[0]) + real[i] * bent * bend[1]);
+                real[i] = mixed;
             }
-            for (int64_t q = 0; q < some; q++) {
-                double *value = values + 2 * ((begin + q) * count + i);
-                value[0] = end[i] ? -imaginary[q] / k[q] : real[q];
-                value[1] = end[i] ? real[q] / k[q] : imaginary[q];
+            for (int64_t i = 0; i < some; i++) {
+                value[2 * i] = end[begin + i] ? -imaginary[i] / k : real[i];
+                value[2 * i + 1] = end[begin + i] ? real[i] / k : imaginary[i];
             }
         }
     }

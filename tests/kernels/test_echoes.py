@@ -190,7 +190,9 @@ def test_cylinders_are_as_loud(both):
     sine, cosine = np.sin(ANGLE), np.cos(ANGLE)
     kinds = np.random.default_rng(3).integers([[3], [2]], size=(2, len(ANGLE))).astype(np.int8)
     kinds[0, 2 * K[0] * RADIUS * sine < 4.0] = 0  # thin segments are not taken apart
-    wood = CylinderStrength(3 * RADIUS + 0.01, 2 * RADIUS, sine, cosine, FACTOR, *kinds)
+    length = 3 * RADIUS + 0.01
+    level, size, turn = length * FACTOR / np.pi, 2 * RADIUS * sine, length * cosine
+    wood = CylinderStrength(level, size, turn, *kinds)
     one, other = both(lambda: wood.amplitude(K))
     assert (np.abs(one - other) <= 1e-13 * np.abs(other).max(axis=1, keepdims=True)).all()
 

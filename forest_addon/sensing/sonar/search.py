@@ -4,9 +4,9 @@ What stands before a scatterer weakens it before it is counted in Σ|A|; what is
 nothing did.
 
 Blocks are opened in order of their bounds, loudest first, until the bounds of those that stay shut are at
-most half of ``cull``·Σ|A|; of the scatterers within, the weakest go until their bounds fill the other
-half. Σ|A| is known from below by the loudest few, each averaged over the band (Hann), so the promise
-is kept whatever the others add:
+most a fifth of ``cull``·Σ|A|; of the scatterers within, the weakest go until their bounds fill the rest:
+to look at one takes a sixth of the time of hearing it. Σ|A| is known from below by the loudest few, each
+averaged over the band (Hann), so the promise is kept whatever the others add:
 
     Σ bound of what is left out  <=  cull · Σ|A| of what is heard.
 
@@ -34,6 +34,7 @@ from .targets import Candidates, EchoTargets
 MANY, FEWER = 512, 7  # scatterers whose Σ|A| is known from so few frequencies
 LOUDEST = 4096  # scatterers whose Σ|A| is a lower bound
 CAUTION = 0.9  # a mean over few frequencies may be a little too large
+SHUT = 0.2  # of what may be left out, in blocks that stay shut
 GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
 
 
@@ -103,7 +104,7 @@ def search(
 
     opened, known, told = 0, GUESS * float(rest[unbounded]), 0
     while True:
-        until = max(int(np.searchsorted(-rest, -0.5 * sonar.cull * known)), opened, unbounded)
+        until = max(int(np.searchsorted(-rest, -SHUT * sonar.cull * known)), opened, unbounded)
         if until == opened:
             return finder.keep(sonar.cull * known, float(rest[opened]), known, far)
         finder.open(blocks.select(order[opened:until]))

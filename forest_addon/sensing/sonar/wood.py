@@ -18,7 +18,7 @@ crept around its back. Each alone is smooth in frequency.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
 
@@ -61,71 +61,66 @@ TABULATED, EXTENDED = 1e-7, 4e-6  # largest error of S relative to it, up to the
 
 @dataclass(frozen=True)
 class CylinderStrength(Strength):
-    """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis.
-
-    nearness : (M,) root of the distance to the near side over that to the axis: waves spread around a
-    cylinder from its axis, while the delay is that of the near side. wave : (M,) int8, which of ``WAVES``.
-    end : (M,) int8, 1 of one end alone, whose length is given in parts of i/k.
+    """level : (M,) metres, ℓ/π times the root of the distance to the near side over that to the axis: waves
+    spread around a cylinder from its axis, while the delay is that of the near side. size, turn : (M,) a·sinψ
+    and ℓ·cosψ, metres. wave : (M,) int8, which of ``WAVES``. end : (M,) int8, 1 of one end alone, whose turn
+    is 0 and whose level is in parts of i/k.
     """
 
-    length: np.ndarray
-    radius: np.ndarray
-    sine: np.ndarray
-    cosine: np.ndarray
-    nearness: np.ndarray
+    level: np.ndarray
+    size: np.ndarray
+    turn: np.ndarray
     wave: np.ndarray
     end: np.ndarray
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        size, turn = self.radius * self.sine, self.length * self.cosine
-        level = self.nearness * self.length / math.pi
-        k = wavenumber[:, None]
+        k, given = wavenumber[:, None], (self.size, self.turn, self.level, self.wave, self.end)
         library = kernels.library()
         if library is not None:
-            amplitude = np.empty((len(wavenumber), len(size)), np.complex128)
-            given = (len(wavenumber), wavenumber, len(size), size, turn, level, self.wave, self.end)
-            library.cylinders(*given, LARGEST, np.array([_bend()]), *_tables(), amplitude)
+            amplitude = np.empty((len(wavenumber), len(self)), np.complex128)
+            ends = LARGEST, np.array([_bend()]), *_tables(), amplitude
+            library.cylinders(len(wavenumber), wavenumber, len(self), *given, *ends)
             return amplitude
-        waves = [_backscatter(k * size, wave) for wave in WAVES]
-        amplitude = np.sinc(k * (turn / math.pi)) * np.conj(np.choose(self.wave, waves)) * level
+        waves = np.choose(self.wave, [_backscatter(k * self.size, wave) for wave in WAVES])
+        amplitude = np.sinc(k * (self.turn / math.pi)) * np.conj(waves) * self.level
         return np.where(self.end, amplitude * (1j / k), amplitude)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
-        size = _largest_backscatter(highest * self.radius * self.sine)
         with np.errstate(divide="ignore"):
-            lobes = 1.0 / (lowest * self.length * np.abs(self.cosine))
-        return self.length / math.pi * size * np.minimum(lobes, 1.0)
+            lobes = 1.0 / (lowest * np.abs(self.turn))
+        return self.level * _largest_backscatter(highest * self.size) * np.minimum(lobes, 1.0)
 
     def reach(self, wavenumber: float) -> np.ndarray:
-        size = self.radius * self.sine
-        reach = np.array(list(WAVES.values()))[self.wave]
+        reach = np.array(list(WAVES.values())).take(self.wave)
         creeping = np.flatnonzero(self.wave == CREPT)
-        reach[creeping] *= np.minimum(1.0, AUDIBLE * _crept(wavenumber * size[creeping]))
-        return self.length * np.abs(self.cosine) + reach * size
+        reach[creeping] *= np.minimum(1.0, AUDIBLE * _crept(wavenumber * self.size[creeping]))
+        return np.abs(self.turn) + reach * self.size
 
     def error(self, highest: float) -> np.ndarray:
-        size = highest * self.radius * self.sine
+        size = highest * self.size
         share = np.where(size > LARGEST, EXTENDED, TABULATED)
-        return share * self.nearness * self.length / math.pi * _largest_backscatter(size)
+        return share * self.level * _largest_backscatter(size)
 
     def parts(self, lowest: float, highest: float) -> StrengthParts:
         """Mirror and creeping wave of thick segments, and both ends of those off the normal."""
-        size, late = self.radius * self.sine, self.length * self.cosine
         period = 2.0 * math.pi / (highest - lowest)
-        thick = size > max(THICK / lowest, period / CREEPING)
-        ends = np.abs(late) > period / 2.0
+        thick = self.size > max(THICK / lowest, period / CREEPING)
+        ends = np.abs(self.turn) > period / 2.0
         rows, wave = paired(thick)
-        order, which = paired(ends[rows])
-        rows, wave, side = rows[order], wave[order], SIDES[which]
-        crept, end, some = wave == CREPT, np.abs(side), self.select(rows)
+        order, which = paired(ends.take(rows))
+        rows, wave, side = rows.take(order), wave.take(order), SIDES.take(which)
+        some, creeping = self.select(rows), np.flatnonzero(wave == CREPT)
+        offset, share = side * some.turn, np.ones(len(rows))
+        crept = some.size[creeping]
+        offset[creeping] += CREEPING * crept
+        share[creeping] = _crept(lowest * crept)
+        end = np.abs(side)
         with np.errstate(divide="ignore", invalid="ignore"):
-            length = np.where(end, side / (2.0 * some.cosine), some.length)
-        share = np.where(crept, _crept(lowest * size[rows]), 1.0)
-        offset = side * late[rows] + CREEPING * size[rows] * crept
-        strength = replace(
-            some, length=length, cosine=np.where(end, 0.0, some.cosine), wave=wave, end=end
+            level = np.where(end, side * some.level / (2.0 * some.turn), some.level)
+        turn = np.where(end, 0.0, some.turn)
+        return StrengthParts(
+            rows, offset, share, CylinderStrength(level, some.size, turn, wave, end)
         )
-        return StrengthParts(rows, offset, share, strength)
 
 
 @dataclass(frozen=True)
@@ -149,9 +144,10 @@ class WoodCylinders(Scatterers):
         distance = lengths(away)
         cosine = np.einsum("mi,mi->m", away, self.axis) / distance
         sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-        nearness = np.sqrt(distance / (distance + self.radius * sine))
+        size = self.radius * sine
+        level = self.length / math.pi * np.sqrt(distance / (distance + size))
         whole = np.zeros((2, len(self)), np.int8)
-        return CylinderStrength(self.length, self.radius, sine, cosine, nearness, *whole)
+        return CylinderStrength(level, size, self.length * cosine, *whole)
 
 
 class WoodPopulation(Population):

@@ -420,15 +420,9 @@ def test_stretched_wood_is_thicker_or_longer() -> None:
 
 def test_strength_is_never_above_its_bound() -> None:
     rng = np.random.default_rng(4)
-    cosine = rng.uniform(-1, 1, 2000)
-    strength = CylinderStrength(
-        rng.uniform(0, 0.2, 2000),
-        rng.uniform(0, 0.1, 2000),
-        np.sqrt(1 - cosine**2),
-        cosine,
-        np.ones(2000),
-        *np.zeros((2, 2000), np.int8),
-    )
+    cosine, length, radius = (rng.uniform(*ends, 2000) for ends in ((-1, 1), (0, 0.2), (0, 0.1)))
+    size, turn = radius * np.sqrt(1 - cosine**2), length * cosine
+    strength = CylinderStrength(length / math.pi, size, turn, *np.zeros((2, 2000), np.int8))
     k = np.linspace(1100, 1480, 60)
     assert (np.abs(strength.amplitude(k)) <= strength.bound(1100, 1480) * (1 + 1e-9)).all()
 
@@ -444,14 +438,10 @@ def test_mirror_creeping_wave_and_ends_add_up(engine: str, monkeypatch: pytest.M
     rng = np.random.default_rng(7)
     tilt = rng.uniform(0.0, math.pi, 300)
     radius = np.exp(rng.uniform(math.log(5e-4), math.log(0.4), 300))
-    whole = CylinderStrength(
-        rng.uniform(0.005, 0.06, 300),
-        radius,
-        np.sin(tilt),
-        np.cos(tilt),
-        rng.uniform(0.9, 1.0, 300),
-        *np.zeros((2, 300), np.int8),
-    )
+    length = rng.uniform(0.005, 0.06, 300)
+    level = length / math.pi * rng.uniform(0.9, 1.0, 300)
+    given = level, radius * np.sin(tilt), length * np.cos(tilt)
+    whole = CylinderStrength(*given, *np.zeros((2, 300), np.int8))
     wavenumber = np.linspace(700.0, 1500.0, 9)
     parts = whole.parts(wavenumber[0], wavenumber[-1])
     kinds = np.stack([parts.strength.wave, parts.strength.end])
