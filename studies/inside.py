@@ -202,7 +202,6 @@ INSIDE = {
     "rescattering": "forest_addon.sensing.sonar.rescattering:rescattering",
     "posed": "forest_addon.sensing.sonar.station:posed",
     "poses_of": "forest_addon.sensing.sonar.station:poses_of",
-    "StrengthParts": "forest_addon.sensing.sonar.scatterers:StrengthParts",
     "Equipment": "forest_addon.sensing.sonar.station:Equipment",
     "Station": "forest_addon.sensing.sonar.station:Station",
     "frame_of": "forest_addon.sensing.trajectory:frame_of",

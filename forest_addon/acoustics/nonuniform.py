@@ -38,10 +38,11 @@ Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 # Numbers of nodes.
 LEVELS = np.unique(np.rint(2.0 * 1.2 ** np.arange(29)).astype(np.int64))  # up to 330
 FIRST = np.searchsorted(LEVELS, np.arange(LEVELS[-1] + 2))  # of these that is no smaller
-TURNS, FAINT = (
-    (1e-3, 1e4),
-    1e-9,
-)  # what echoes turn and how loud they are, over the loudest, that is told apart
+# Echoes are told apart by short floats but for their last digits: radians that they turn, 16 steps for each
+# doubling, and how loud they are over the loudest, 4 steps; 128 of these are enough, and 2^16 for both.
+APART = np.array([[[1e-3], [1e-9]], [[1e4], [1.0]]], np.float32)
+DIGITS = np.array([[19], [21]], np.uint32)
+FIRST_KIND = APART[0].view(np.uint32) >> DIGITS
 FALLS = np.geomspace(1e-6, 1e4, 2048)  # nepers over the turn
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
@@ -94,30 +95,33 @@ def sum_delayed(
     loudness: ArrayLike = 1.0,
     weights: np.ndarray | None = None,
     ends: tuple[float, float] | None = None,
+    second: np.ndarray | None = None,
+    conjugate: bool = False,
 ) -> DelayedSum:
     """Σ_i A_i(f)·e^{-i2πfτ_i} at f = start + (0 … count - 1)·spacing, K = count values.
 
     amplitude : called as amplitude(frequency (R,) Hz, rows (m,) int64) for A (R, m), real or complex,
         of the echoes ``rows`` at any frequencies of the band; may be called more than once for a row.
-    delay : (M,) s, finite, of either sign.
+    delay : (M,) s, finite, of either sign; (2, M) of echoes that sound twice.
     start, spacing : Hz, spacing larger than 0.
     tolerance : largest error of a value, relative to Σ_i max|A_i|; 0: the direct sum.
     reach : (M,) or one, s, about how far an echo's own response reaches to both sides of its delay.
     loudness : (M,) or one, about the largest |A_i|, or in proportion to it.
     weights : (M, W) real, of the echoes in W sums; left out: one sum, all weights 1.
     ends : Hz, of a band around the bins, in whose nodes A is asked for; left out: the first and last bin.
+    second : (M,) 1 or -1, by which A_i is multiplied where it sounds again. conjugate : then it is conj A_i.
 
     ``reach`` and ``loudness`` bear on the time; the error is measured. The carrier is exact to 2π·2⁻⁵³ times
     the number of its periods.
     """
-    delay = np.asarray(delay, np.float64)
-    given = amplitude, delay, weights, start, spacing, count, ends
+    delay = np.atleast_2d(np.asarray(delay, np.float64))
+    given = amplitude, delay, weights, start, spacing, count, ends, second, conjugate
     task = _Task(*given)
-    if tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW:
-        task.direct(np.arange(len(delay)))
+    if tolerance < 2.0 * ALIASING[-1] or delay.size * count <= FEW:
+        task.direct(np.arange(len(delay[0])))
         return task.result(0.0, 0.0, 0.0)
-    loud = np.maximum(np.broadcast_to(loudness, delay.shape), 1e-300)
-    alike, even = PEAK, float(np.linalg.norm(loud) / loud.sum())
+    loud = np.maximum(np.broadcast_to(loudness, delay[0].shape), 1e-300)
+    alike, even = PEAK, float(np.linalg.norm(loud) / loud.sum()) / math.sqrt(len(delay))
     while True:
         width = width_for(KERNEL * tolerance / _summed(alike * even))
         kernel = ALIASING[width - NARROWEST]
@@ -152,14 +156,13 @@ def _planned(
     """
     turn = np.broadcast_to(task.octave + math.pi * task.width * np.abs(reach), loud.shape)
     # Echoes that turn about alike and are about as loud are planned as one.
-    (steep, turns), (faint, louds) = (
-        _classed(turn, 4, *TURNS),
-        _classed(loud / loud.max(), 2, FAINT, 1.0),
-    )
-    kind = steep * np.uint16(len(louds)) + faint
+    alike_in = np.stack([turn, loud / loud.max()]).astype(np.float32).clip(*APART)
+    steep, faint = (alike_in.view(np.uint32) >> DIGITS) - FIRST_KIND
+    kind = (128 * steep + faint).astype(np.uint16)
     echoes = np.bincount(kind)
     there = np.flatnonzero(echoes)
-    echoes, turns, louds = echoes[there], turns[there // len(louds)], louds[there % len(louds)]
+    middles = ((np.stack([there >> 7, there & 127]) + FIRST_KIND) << DIGITS) + (1 << DIGITS - 1)
+    echoes, (turns, louds) = echoes[there], middles.astype(np.uint32).view(np.float32)
     even = 1.0 / len(loud), 1.0 / float(echoes @ louds)
     chance = 0.5 * (even[0] + even[1] * louds)  # of each echo being drawn, over how many are
     drawn = np.cumsum(echoes * chance)
@@ -190,9 +193,10 @@ def _planned(
     after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * root) + beyond
     root[0] = after[0] = 0.0  # directly
     scale = np.log(even[0] / (even[1] * louds))  # every echo may be off by the same
-    levels = LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS]
-    last = len(levels) - (task.count > 2 * dense)  # directly, where that is as cheap as more nodes
-    levels = np.append(levels, 0)
+    levels = np.append(LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS], 0)
+    last = (
+        len(levels) - 1 - (task.count > 2 * dense)
+    )  # directly, where that is as cheap as more nodes
 
     def leveled(kinds: np.ndarray | slice, strictness: float) -> np.ndarray:
         """The first level that leaves so many nepers less than the scale of echoes, at most the last."""
@@ -204,7 +208,8 @@ def _planned(
         """Errors of the drawn echoes: all in phase, and their root of the sum of squares."""
         kept = nodes * draws + np.arange(draws)
         in_phase, random = after.take(kept), root.take(kept)
-        return float(in_phase @ weight), 2.0 * math.sqrt(float(random * random @ weight))
+        squares = float(random * random @ weight) / len(task.delay)
+        return float(in_phase @ weight), 2.0 * math.sqrt(squares)
 
     def together(nodes: np.ndarray) -> float:
         in_phase, random = missed(nodes)
@@ -223,18 +228,6 @@ def _planned(
     planned[there] = nodes
     planned = planned.take(kind)
     return [(number, np.flatnonzero(planned == number)) for number in used], error, scattered
-
-
-def _classed(
-    values: np.ndarray, bits: int, low: float, high: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) uint16, classes of values (M,) from ``low`` to ``high``, 2^bits for each doubling, and their
-    middles."""
-    shift = 23 - bits
-    short = values.astype(np.float32).clip(low, high).view(np.uint32) >> shift
-    first = short.min()
-    middles = (np.arange(first, short.max() + 1, dtype=np.uint32) << shift) + (1 << shift - 1)
-    return (short - first).astype(np.uint16), middles.view(np.float32).astype(np.float64)
 
 
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
@@ -282,16 +275,19 @@ class _Task:
         start: float,
         spacing: float,
         count: int,
-        ends: tuple[float, float] | None = None,
+        ends: tuple[float, float] | None,
+        second: np.ndarray | None,
+        conjugate: bool,
     ) -> None:
-        self._amplitude, self.delay = amplitude, delay
+        self._amplitude, self.delay, self._conjugate = amplitude, delay, conjugate
         self._one = weights is None
-        self._weights = np.ones((len(delay), 1)) if weights is None else weights
+        weights = np.ones((len(delay[0]), 1)) if weights is None else weights
+        self._weights = weights, weights if second is None else weights * second[:, None]
         self._start, self._spacing, self.count = start, spacing, count
         self._middle = start + (count // 2) * spacing
         last = start + (count - 1) * spacing
         self._ends = (start, last) if ends is None else (min(ends[0], start), max(ends[1], last))
-        self._spectrum = np.zeros((self._weights.shape[1], count), dtype=np.complex128)
+        self._spectrum = np.zeros((weights.shape[1], count), dtype=np.complex128)
         self._size = self._squares = self._interpolated = 0.0
         self._nodes: dict[int, int] = {}
 
@@ -316,9 +312,12 @@ class _Task:
             grid = DelayGrid(self.count, nodes, width, block.stop - block.start)
             for begin in range(0, len(rows), step):
                 some = rows[begin : begin + step]
-                delay, weights = self.delay.take(some), self._weights.take(some, 0)[:, block]
-                places = delay * self._spacing, delay * self._middle
-                largest = grid.add(*places, self.values(nodes, some), weights)
+                values = self.values(nodes, some)
+                for delays, weights in zip(self.delay, self._weights, strict=False):
+                    delay = delays.take(some)
+                    places = delay * self._spacing, delay * self._middle
+                    largest = grid.add(*places, values, weights.take(some, 0)[:, block])
+                    values = np.conj(values) if self._conjugate else values
                 if block.start == 0:
                     self._interpolated += self._measure(largest)
             self._collect(grid, nodes, block)
@@ -326,14 +325,14 @@ class _Task:
 
     def _measure(self, largest: np.ndarray) -> float:
         """Add sizes (m,) of amplitudes; returns their sum."""
-        size = float(largest.sum())
+        size = len(self.delay) * float(largest.sum())
         self._size += size
-        self._squares += float(largest @ largest)
+        self._squares += len(self.delay) * float(largest @ largest)
         return size
 
     def _blocks(self, nodes: int) -> list[slice]:
         """The weights in runs whose grids are of a bounded size."""
-        count, step = self._weights.shape[1], max(1, DEPOSITED // (nodes * self.count))
+        count, step = len(self._spectrum), max(1, DEPOSITED // (nodes * self.count))
         return [slice(first, min(first + step, count)) for first in range(0, count, step)]
 
     def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
@@ -354,10 +353,12 @@ class _Task:
         for first in range(0, len(rows), step):
             some = rows[first : first + step]
             values = np.asarray(self._amplitude(frequency, some))
-            carrier = delay_factors(self._start, self._spacing, self.count, self.delay[some])
-            carrier *= values
-            self._spectrum += (carrier @ self._weights[some]).T
             self._measure(np.abs(values).max(axis=0))
+            for delay, weights in zip(self.delay, self._weights, strict=False):
+                carrier = delay_factors(self._start, self._spacing, self.count, delay[some])
+                carrier *= values
+                self._spectrum += (carrier @ weights[some]).T
+                values = np.conj(values) if self._conjugate else values
             self._nodes[self.count] = self._nodes.get(self.count, 0) + len(some)
 
     def result(

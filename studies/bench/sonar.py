@@ -22,7 +22,6 @@ from ..inside import (
     LeafDiscs,
     MeasuredSphere,
     Say,
-    StrengthParts,
     backscatter,
     equip,
     find,
@@ -208,10 +207,8 @@ class _Leaves:
     def sum(self, tolerance: float, every: int = 1) -> DelayedSum:
         """Sum over the parts, whose sizes add up to more than that of the leaves, at every so many bins."""
         low, high = (2.0 * math.pi * f / SPEED for f in (START, START + BAND))
-        loud, one = self.strength.bound(low, high) / self.distance**2, np.ones(len(self.distance))
-        parts = StrengthParts(np.arange(len(one)), 0.0 * one, one, self.strength)
-        if tolerance:
-            parts = self.strength.parts(low, high)
+        loud = self.strength.bound(low, high) / self.distance**2
+        parts = self.strength.parts(low, high) if tolerance else self.strength.whole()
         away = self.distance[parts.rows]
 
         def amplitude(frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -227,6 +224,8 @@ class _Leaves:
             tolerance=tolerance,
             reach=parts.strength.reach(low) / SPEED,
             loudness=loud[parts.rows] * parts.share,
+            second=parts.second,
+            conjugate=parts.conjugate,
         )
 
 

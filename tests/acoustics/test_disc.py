@@ -540,6 +540,39 @@ def test_weighted_sums_of_the_same_echoes(sums: int, tolerance: float, wrong: fl
 
 
 @pytest.mark.usefixtures("computed_by")
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 0.0])
+@pytest.mark.parametrize("conjugate", [False, True])
+def test_echoes_that_sound_twice(tolerance: float, conjugate: bool) -> None:
+    """As twice as many would, in weighted sums, too."""
+    amplitude, delay, reach = leaves("paper", 900)
+    rng = np.random.default_rng(6)
+    second, weights = rng.choice([-1.0, 1.0], 900), rng.uniform(-1, 1, (900, 2))
+    again = delay + rng.uniform(0.0, 1e-3, 900)
+
+    def other(frequency, rows):
+        value = amplitude(frequency, rows)
+        return (value.conj() if conjugate else value) * second[rows]
+
+    for several in (None, weights):
+        found = sum_delayed(
+            amplitude, np.stack([delay, again]), START, SPACING, COUNT, tolerance=tolerance,
+            reach=reach, weights=several, second=second, conjugate=conjugate,
+        )  # fmt: skip
+        assert sum(found.nodes.values()) == 900
+        for number, spectrum in enumerate(np.atleast_2d(found.spectrum)):
+            by = np.ones(900) if several is None else several[:, number]
+            sums = [
+                direct(lambda f, rows, of=of, by=by: of(f, rows) * by[rows], late)
+                for of, late in ((amplitude, delay), (other, again))
+            ]
+            error = np.abs(spectrum - sums[0][0] - sums[1][0]).max() / found.size
+            assert error <= max(tolerance, 1e-13)
+            assert error <= found.error + 1e-15
+            if several is None:
+                assert found.size == pytest.approx(sums[0][1] + sums[1][1], rel=0.05)
+            assert tolerance == 0 or error > 1e-12  # it is not the direct sum that was tested
+
+
 def test_weighted_sums_of_nothing() -> None:
     amplitude, delay, _ = leaves("paper", 0)
     found = sum_delayed(

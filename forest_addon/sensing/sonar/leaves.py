@@ -25,7 +25,6 @@ from ..rays.geometry import apply_transform
 from .facets import PIECE, Rims, glints, rims, share_of_turn
 from .scatterers import (
     LEAF,
-    SIDES,
     Population,
     Scatterers,
     Sight,
@@ -33,7 +32,6 @@ from .scatterers import (
     StrengthParts,
     Views,
     cluster,
-    paired,
 )
 
 SIMILAR = 1e-6  # a rotation with a scale, but for the float32 that Blender keeps it in
@@ -204,19 +202,21 @@ class DiscStrength(Strength):
         return self.nearness * far
 
     def parts(self, lowest: float, highest: float) -> StrengthParts:
-        """Parts of a piston, far enough off its normal: the two places of its rim that sound; of an exact
-        disc the disc itself, some time later: its rims' sound crosses its face."""
-        if self.model == "exact":
-            later = np.full(len(self.radius), LATER)
-            return replace(
-                self.whole(), offset=later * self.radius, strength=replace(self, later=later)
-            )
+        """Parts of a piston, far enough off its normal: the two places of its rim that sound, one as minus
+        the conjugate of the other; of an exact disc the disc itself, some time later: its rims' sound crosses its
+        face."""
         if self.model == "paper":
             return self.whole()
+        if self.model == "exact":
+            late = LATER * self.radius[None]
+            return replace(self.whole(), offset=late, strength=replace(self, later=LATER))
         across = 2.0 * self.radius * np.sin(self.incidence)
-        rows, which = paired(across > max(SMALLEST / lowest, np.pi / (highest - lowest)))
-        strength = replace(self.select(rows), side=SIDES[which])
-        return StrengthParts(rows, SIDES[which] * across[rows], np.ones(len(rows)), strength)
+        rims = across > max(SMALLEST / lowest, np.pi / (highest - lowest))
+        held = np.where(rims, self.nearness, 0.5 * self.nearness)  # of all of a disc twice a half
+        strength = replace(self, nearness=held, side=rims.astype(np.int8))
+        late, rows = np.where(rims, across, 0.0), np.arange(len(rims))
+        offset, even = np.stack([late, -late]), np.ones(len(rims))
+        return StrengthParts(rows, offset, even, strength, -even, conjugate=True)
 
     def reach(self, wavenumber: float) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim

@@ -55,15 +55,13 @@ class Strength(RowTable, ABC):
 
     def whole(self) -> StrengthParts:
         """Each as one part."""
-        rows, late, share = np.arange(len(self)), np.zeros(len(self)), np.ones(len(self))
+        rows, late, share = np.arange(len(self)), np.zeros((1, len(self))), np.ones(len(self))
         return StrengthParts(rows, late, share, self)
 
 
-SIDES = np.array([0, -1, 1], np.int8)  # of what is alone, of the first and the second of a pair
-
-
 def paired(twice: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (m,) of things (M,), of those that come ``twice`` two, and which of ``SIDES`` each is."""
+    """Rows (m,) of things (M,), of those that come ``twice`` two, and which each is: 0 alone, 1 and 2 of a
+    pair."""
     alone, pairs = np.flatnonzero(~twice), np.flatnonzero(twice)
     which = np.repeat(np.arange(3, dtype=np.int8), [len(alone), len(pairs), len(pairs)])
     return np.concatenate([alone, pairs, pairs]), which
@@ -71,13 +69,18 @@ def paired(twice: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class StrengthParts(RowTable):
-    """Strengths (m,) that belong to rows (m,) of others, ``offset`` (m,) metres later on the path; share :
-    (m,) about how loud each is beside that."""
+    """Strengths (m,) that belong to rows (m,) of others, and sound ``offset`` (1, m) metres later on the
+    path, or twice (2, m); share : (m,) about how loud each is beside that.
+
+    second : (m,) 1 or -1, by which the amplitude is multiplied the second time; ``conjugate``: its conjugate.
+    """
 
     rows: np.ndarray
     offset: np.ndarray
     share: np.ndarray
     strength: Strength
+    second: np.ndarray | None = None
+    conjugate: bool = False
 
 
 @dataclass(frozen=True)

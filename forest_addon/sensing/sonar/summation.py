@@ -121,6 +121,8 @@ def _over(
                 loudness=loud[rows] * parts.share,
                 weights=None if weights is None else weights[number][rows],
                 ends=band,
+                second=parts.second,
+                conjugate=parts.conjugate,
             )
             spectrum[ear] += delayed.spectrum
             error[ear] += delayed.error * delayed.size

@@ -32,7 +32,6 @@ from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.centreline import find_centrelines
 from ...growth.own_tree.pieces import part
 from .scatterers import (
-    SIDES,
     WOOD,
     Population,
     Scatterers,
@@ -105,22 +104,17 @@ class CylinderStrength(Strength):
         """Mirror and creeping wave of thick segments, and both ends of those off the normal."""
         period = 2.0 * math.pi / (highest - lowest)
         thick = self.size > max(THICK / lowest, period / CREEPING)
-        ends = np.abs(self.turn) > period / 2.0
         rows, wave = paired(thick)
-        order, which = paired(ends.take(rows))
-        rows, wave, side = rows.take(order), wave.take(order), SIDES.take(which)
         some, creeping = self.select(rows), np.flatnonzero(wave == CREPT)
-        offset, share = side * some.turn, np.ones(len(rows))
-        crept = some.size[creeping]
-        offset[creeping] += CREEPING * crept
-        share[creeping] = _crept(lowest * crept)
-        end = np.abs(side)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            level = np.where(end, side * some.level / (2.0 * some.turn), some.level)
-        turn = np.where(end, 0.0, some.turn)
-        return StrengthParts(
-            rows, offset, share, CylinderStrength(level, some.size, turn, wave, end)
-        )
+        offset, share = np.zeros(len(rows)), np.ones(len(rows))
+        offset[creeping] = CREEPING * some.size[creeping]
+        share[creeping] = _crept(lowest * some.size[creeping])
+        ends = np.abs(some.turn) > period / 2.0
+        turn, late = np.where(ends, [[0.0], [1.0]], [[1.0], [0.0]]) * some.turn
+        level = 0.5 * some.level / np.where(ends, some.turn, 1.0)  # a half twice where it is no end
+        strength = CylinderStrength(level, some.size, turn, wave, ends.astype(np.int8))
+        offset = offset + np.stack([late, -late])
+        return StrengthParts(rows, offset, share, strength, np.where(ends, -1.0, 1.0))
 
 
 @dataclass(frozen=True)

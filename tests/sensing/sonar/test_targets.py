@@ -24,7 +24,14 @@ from forest_addon.base.trimesh import GROUND, OTHER, WOOD, TriMesh
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.results.sonar import SONAR
 from forest_addon.sensing.sonar.echo import Echo
-from forest_addon.sensing.sonar.leaves import BETWEEN, FAR, VIEWS, LeafDiscs, LeafEchoes
+from forest_addon.sensing.sonar.leaves import (
+    BETWEEN,
+    FAR,
+    VIEWS,
+    DiscStrength,
+    LeafDiscs,
+    LeafEchoes,
+)
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.rescattering import (
     DENSE,
@@ -33,7 +40,7 @@ from forest_addon.sensing.sonar.rescattering import (
     nearest_leaves,
     rescattering,
 )
-from forest_addon.sensing.sonar.scatterers import Sight
+from forest_addon.sensing.sonar.scatterers import Sight, StrengthParts
 from forest_addon.sensing.sonar.search import SearchGroup
 from forest_addon.sensing.sonar.station import Equipment, SonarPose, Station, posed
 from forest_addon.sensing.sonar.targets import EchoTargets
@@ -446,11 +453,29 @@ def test_mirror_creeping_wave_and_ends_add_up(engine: str, monkeypatch: pytest.M
     parts = whole.parts(wavenumber[0], wavenumber[-1])
     kinds = np.stack([parts.strength.wave, parts.strength.end])
     assert len(np.unique(kinds, axis=1).T) == 6
-    later = np.exp(-1j * wavenumber[:, None] * parts.offset)
-    total = np.zeros((9, 300), complex)
-    np.add.at(total.T, parts.rows, (parts.strength.amplitude(wavenumber) * later).T)
-    off = np.abs(total - whole.amplitude(wavenumber)).max(axis=0)
+    off = np.abs(added_up(parts, wavenumber) - whole.amplitude(wavenumber)).max(axis=0)
     assert (off <= whole.error(wavenumber[-1]) + 1e-12).all()
+
+
+def added_up(parts: StrengthParts, wavenumber: np.ndarray) -> np.ndarray:
+    """(Q, M) amplitudes of the rows that parts are of, all rows there."""
+    total = np.zeros((len(wavenumber), parts.rows.max() + 1), complex)
+    first = parts.strength.amplitude(wavenumber)
+    again = (first.conj() if parts.conjugate else first) * parts.second
+    for amplitude, offset in zip((first, again), parts.offset, strict=True):
+        later = np.exp(-1j * wavenumber[:, None] * offset)
+        np.add.at(total.T, parts.rows, (amplitude * later).T)
+    return total
+
+
+def test_both_places_of_a_rim_add_up() -> None:
+    radius, angle = np.random.default_rng(8).uniform([[0.001], [0.0]], [[0.1], [1.57]], (2, 300))
+    whole = DiscStrength(radius, angle, np.linspace(0.5, 1.0, 300), "piston")
+    wavenumber = np.linspace(700.0, 1500.0, 9)
+    parts = whole.parts(wavenumber[0], wavenumber[-1])
+    assert 0 < np.count_nonzero(parts.strength.side) < 300
+    expected = whole.amplitude(wavenumber)
+    np.testing.assert_allclose(added_up(parts, wavenumber), expected, rtol=1e-9, atol=1e-12)
 
 
 # -------------------------------------------------------------------------------------- rescattering
