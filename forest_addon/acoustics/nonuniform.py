@@ -37,13 +37,16 @@ Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 # Numbers of nodes.
 LEVELS = np.unique(np.rint(2.0 * 1.2 ** np.arange(29)).astype(np.int64))  # up to 330
-FIRST = np.searchsorted(LEVELS, np.arange(LEVELS[-1] + 2))  # of these that is no smaller
 # Echoes are told apart by short floats but for their last digits: radians that they turn, 16 steps for each
 # doubling, and how loud they are over the loudest, 4 steps; 128 of these are enough, and 2^16 for both.
 APART = np.array([[[1e-3], [1e-9]], [[1e4], [1.0]]], np.float32)
 DIGITS = np.array([[19], [21]], np.uint32)
 FIRST_KIND = APART[0].view(np.uint32) >> DIGITS
-FALLS = np.geomspace(1e-6, 1e4, 2048)  # nepers over the turn
+_alpha = np.linspace(0.0, 8.0, 4000)
+FALLS = (
+    _alpha * np.cosh(_alpha) - np.sinh(_alpha),
+    np.cosh(_alpha),
+)  # nepers and nodes, over the turn
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
 SAMPLES = 128  # echoes that are measured, and of many more
@@ -154,7 +157,11 @@ def _planned(
 
     alike : how many times their root of the sum of squares errors are together, at most.
     """
-    turn = np.broadcast_to(task.octave + math.pi * task.width * np.abs(reach), loud.shape)
+    low, high = task.ends
+    octave = max(
+        (high - low) / (abs(high) or 1.0), 1e-3
+    )  # powers of the frequency turn by about so much
+    turn = np.broadcast_to(octave + math.pi * (high - low) * np.abs(reach), loud.shape)
     # Echoes that turn about alike and are about as loud are planned as one.
     alike_in = np.stack([turn, loud / loud.max()]).astype(np.float32).clip(*APART)
     steep, faint = (alike_in.view(np.uint32) >> DIGITS) - FIRST_KIND
@@ -163,8 +170,8 @@ def _planned(
     there = np.flatnonzero(echoes)
     middles = ((np.stack([there >> 7, there & 127]) + FIRST_KIND) << DIGITS) + (1 << DIGITS - 1)
     echoes, (turns, louds) = echoes[there], middles.astype(np.uint32).view(np.float32)
-    even = 1.0 / len(loud), 1.0 / float(echoes @ louds)
-    chance = 0.5 * (even[0] + even[1] * louds)  # of each echo being drawn, over how many are
+    share = louds * (len(loud) / float(echoes @ louds))  # of the mean loudness
+    chance = (0.5 + 0.5 * share) / len(loud)  # of each echo being drawn, over how many are
     drawn = np.cumsum(echoes * chance)
     draws = min(SAMPLES + len(loud) // 256, len(loud))
     places = (np.arange(draws) + 0.5) / draws * drawn[-1]
@@ -192,24 +199,21 @@ def _planned(
     root = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond
     after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * root) + beyond
     root[0] = after[0] = 0.0  # directly
-    scale = np.log(even[0] / (even[1] * louds))  # every echo may be off by the same
+    fallen = np.log(share) - math.log(allowed)  # every echo may be off by the same
     levels = np.append(LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS], 0)
-    last = (
-        len(levels) - 1 - (task.count > 2 * dense)
-    )  # directly, where that is as cheap as more nodes
+    # Directly, where that is as cheap as more nodes.
+    last = len(levels) - 1 - (task.count > 2 * dense)
 
     def leveled(kinds: np.ndarray | slice, strictness: float) -> np.ndarray:
-        """The first level that leaves so many nepers less than the scale of echoes, at most the last."""
-        nodes = _nodes_for(turns[kinds], strictness - math.log(allowed) - scale[kinds])
-        nodes = np.minimum(np.ceil(nodes), len(FIRST) - 1).astype(np.int64)
-        return np.minimum(FIRST.take(nodes), last)
+        """The first level by which series have fallen by so many nepers more, at most the last."""
+        nodes = _nodes_for(turns[kinds], strictness + fallen[kinds])
+        return np.minimum(np.searchsorted(LEVELS, nodes), last)
 
     def missed(nodes: np.ndarray) -> tuple[float, float]:
         """Errors of the drawn echoes: all in phase, and their root of the sum of squares."""
         kept = nodes * draws + np.arange(draws)
         in_phase, random = after.take(kept), root.take(kept)
-        squares = float(random * random @ weight) / len(task.delay)
-        return float(in_phase @ weight), 2.0 * math.sqrt(squares)
+        return float(in_phase @ weight), 2.0 * math.sqrt(random**2 @ weight / len(task.delay))
 
     def together(nodes: np.ndarray) -> float:
         in_phase, random = missed(nodes)
@@ -223,29 +227,16 @@ def _planned(
     level = leveled(slice(None), float(STRICTNESS[min(chosen, len(STRICTNESS) - 1)]))
     nodes = _together(level, echoes, levels, task.count)
     error, scattered = (off / (size or 1.0) for off in missed(nodes[of]))
-    used = np.flatnonzero(np.bincount(nodes)).tolist()
-    planned = np.zeros(there[-1] + 1, np.int16)
-    planned[there] = nodes
-    planned = planned.take(kind)
-    return [(number, np.flatnonzero(planned == number)) for number in used], error, scattered
+    of_kinds = np.zeros(there[-1] + 1, np.int16)
+    of_kinds[there] = nodes
+    of_all, used = of_kinds.take(kind), sorted(set(nodes.tolist()))
+    return [(number, np.flatnonzero(of_all == number)) for number in used], error, scattered
 
 
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
     """(M,) nodes n for which the series of e^{i·turn·x} has fallen by so much: by n·(α - tanh α) where
     cosh α = n/turn, which is turn·(α·cosh α - sinh α)."""
-    fallen = np.log(np.minimum(np.maximum(nepers / turn, FALLS[0]), FALLS[-1]))
-    place = (fallen - math.log(FALLS[0])) * ((len(FALLS) - 1) / math.log(FALLS[-1] / FALLS[0]))
-    cell = place.astype(np.int64)
-    ratio, slope = _ratios()
-    return np.asarray(turn * (ratio.take(cell) + slope.take(cell) * (place - cell)))
-
-
-@lru_cache(maxsize=1)
-def _ratios() -> tuple[np.ndarray, np.ndarray]:
-    """n/turn at ``FALLS``, and how much it grows to the next."""
-    alpha = np.linspace(0.0, 8.0, 4000)
-    ratio = np.interp(FALLS, alpha * np.cosh(alpha) - np.sinh(alpha), np.cosh(alpha))
-    return ratio, np.diff(ratio, append=ratio[-1])
+    return np.asarray(turn * np.interp(nepers / turn, *FALLS))
 
 
 def _together(level: np.ndarray, held: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
@@ -286,41 +277,38 @@ class _Task:
         self._start, self._spacing, self.count = start, spacing, count
         self._middle = start + (count // 2) * spacing
         last = start + (count - 1) * spacing
-        self._ends = (start, last) if ends is None else (min(ends[0], start), max(ends[1], last))
+        self.ends = (start, last) if ends is None else (min(ends[0], start), max(ends[1], last))
         self._spectrum = np.zeros((weights.shape[1], count), dtype=np.complex128)
         self._size = self._squares = self._interpolated = 0.0
         self._nodes: dict[int, int] = {}
 
-    @property
-    def width(self) -> float:
-        """Hz of the band."""
-        return self._ends[1] - self._ends[0]
-
-    @property
-    def octave(self) -> float:
-        """Width of the band over its upper end: powers of the frequency turn by about as much."""
-        return max(self.width / (abs(self._ends[1]) or 1.0), 1e-3)
-
     def values(self, nodes: int, rows: np.ndarray) -> np.ndarray:
         """(R, m) amplitudes at the nodes."""
-        return np.asarray(self._amplitude(chebyshev.points(nodes, *self._ends), rows))
+        return np.asarray(self._amplitude(chebyshev.points(nodes, *self.ends), rows))
 
     def interpolate(self, rows: np.ndarray, nodes: int, width: int) -> None:
         """Add the echoes ``rows``, which are smooth enough for so many nodes."""
-        step = max(1, VALUES_AT_ONCE // nodes)
-        for block in self._blocks(nodes):
+        low, high = self.ends
+        places = [
+            (2.0 * end - low - high) / ((high - low) or 1.0)
+            for end in (self._start, self._start + (self.count - 1) * self._spacing)
+        ]
+        spread = _lagrange(nodes, self.count, *places)
+        step, sums = max(1, VALUES_AT_ONCE // nodes), max(1, DEPOSITED // (nodes * self.count))
+        for first in range(0, len(self._spectrum), sums):
+            block = slice(first, min(first + sums, len(self._spectrum)))
             grid = DelayGrid(self.count, nodes, width, block.stop - block.start)
             for begin in range(0, len(rows), step):
                 some = rows[begin : begin + step]
                 values = self.values(nodes, some)
                 for delays, weights in zip(self.delay, self._weights, strict=False):
-                    delay = delays.take(some)
-                    places = delay * self._spacing, delay * self._middle
-                    largest = grid.add(*places, values, weights.take(some, 0)[:, block])
+                    at, shares = delays.take(some), weights.take(some, 0)[:, block]
+                    largest = grid.add(at * self._spacing, at * self._middle, values, shares)
                     values = np.conj(values) if self._conjugate else values
-                if block.start == 0:
+                if first == 0:
                     self._interpolated += self._measure(largest)
-            self._collect(grid, nodes, block)
+            for number in range(first, block.stop):
+                self._spectrum[number] += grid.spectrum(spread, number - first)
         self._nodes[nodes] = self._nodes.get(nodes, 0) + len(rows)
 
     def _measure(self, largest: np.ndarray) -> float:
@@ -329,22 +317,6 @@ class _Task:
         self._size += size
         self._squares += len(self.delay) * float(largest @ largest)
         return size
-
-    def _blocks(self, nodes: int) -> list[slice]:
-        """The weights in runs whose grids are of a bounded size."""
-        count, step = len(self._spectrum), max(1, DEPOSITED // (nodes * self.count))
-        return [slice(first, min(first + step, count)) for first in range(0, count, step)]
-
-    def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
-        """Add what was laid down to the sums of some weights."""
-        low, high = self._ends
-        places = [
-            (2.0 * end - low - high) / ((high - low) or 1.0)
-            for end in (self._start, self._start + (self.count - 1) * self._spacing)
-        ]
-        spread = _lagrange(nodes, self.count, *places)
-        for number in range(block.stop - block.start):
-            self._spectrum[block.start + number] += grid.spectrum(spread, number)
 
     def direct(self, rows: np.ndarray) -> None:
         """Add the echoes ``rows`` bin by bin."""

@@ -194,8 +194,15 @@ class DiscStrength(Strength):
     side: np.ndarray | None = None
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        given = self.radius, self.incidence, self.nearness, self.model, self.later, self.side
-        return disc_amplitudes(wavenumber, *given)
+        return disc_amplitudes(
+            wavenumber,
+            self.radius,
+            self.incidence,
+            self.nearness,
+            self.model,
+            self.later,
+            self.side,
+        )
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
@@ -203,8 +210,8 @@ class DiscStrength(Strength):
 
     def parts(self, lowest: float, highest: float) -> StrengthParts:
         """Parts of a piston, far enough off its normal: the two places of its rim that sound, one as minus
-        the conjugate of the other; of an exact disc the disc itself, some time later: its rims' sound crosses its
-        face."""
+        the conjugate of the other; of an exact disc the disc itself, some time later: its rims' sound crosses
+        its face."""
         if self.model == "paper":
             return self.whole()
         if self.model == "exact":
@@ -214,9 +221,14 @@ class DiscStrength(Strength):
         rims = across > max(SMALLEST / lowest, np.pi / (highest - lowest))
         held = np.where(rims, self.nearness, 0.5 * self.nearness)  # of all of a disc twice a half
         strength = replace(self, nearness=held, side=rims.astype(np.int8))
-        late, rows = np.where(rims, across, 0.0), np.arange(len(rims))
-        offset, even = np.stack([late, -late]), np.ones(len(rims))
-        return StrengthParts(rows, offset, even, strength, -even, conjugate=True)
+        late = np.where(rims, across, 0.0)
+        return replace(
+            self.whole(),
+            offset=np.stack([late, -late]),
+            strength=strength,
+            second=np.full(len(late), -1.0),
+            conjugate=True,
+        )
 
     def reach(self, wavenumber: float) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim

@@ -106,8 +106,8 @@ def _over(
                 table[ear] += float(
                     (heard.gain(np.linspace(*band, 3)).max(axis=0) * doubtful).sum()
                 )
-            loud, strength = group.bound * group.shade, heard.strength
-            smooth = tolerance > 0 and lowest < highest
+            loud, smooth = group.bound * group.shade, tolerance > 0 and lowest < highest
+            strength = heard.strength
             parts = strength.parts(lowest, highest) if smooth else strength.whole()
             rows = parts.rows
             delayed = sum_delayed(

@@ -106,15 +106,15 @@ class CylinderStrength(Strength):
         thick = self.size > max(THICK / lowest, period / CREEPING)
         rows, wave = paired(thick)
         some, creeping = self.select(rows), np.flatnonzero(wave == CREPT)
-        offset, share = np.zeros(len(rows)), np.ones(len(rows))
-        offset[creeping] = CREEPING * some.size[creeping]
+        share, around = np.ones(len(rows)), np.zeros(len(rows))
+        around[creeping] = CREEPING * some.size[creeping]
         share[creeping] = _crept(lowest * some.size[creeping])
         ends = np.abs(some.turn) > period / 2.0
         turn, late = np.where(ends, [[0.0], [1.0]], [[1.0], [0.0]]) * some.turn
         level = 0.5 * some.level / np.where(ends, some.turn, 1.0)  # a half twice where it is no end
         strength = CylinderStrength(level, some.size, turn, wave, ends.astype(np.int8))
-        offset = offset + np.stack([late, -late])
-        return StrengthParts(rows, offset, share, strength, np.where(ends, -1.0, 1.0))
+        offset, second = around + np.stack([late, -late]), np.where(ends, -1.0, 1.0)
+        return StrengthParts(rows, offset, share, strength, second)
 
 
 @dataclass(frozen=True)
