@@ -197,7 +197,6 @@ def test_doppler_knows_how_a_plate_bends():
 # --------------------------------------------------------------------------------------------- windy
 # Echoes of trees in the wind: against leaves laid out where they are then, and Doppler's closed form.
 
-AIR = Air(sound_speed=340.0)
 GONE = np.array([1.5, -0.4, 0.2])  # m/s of the upper piece
 SPIN = np.array([0.1, 0.2, -0.15])  # rad/s of its turn
 
@@ -324,9 +323,8 @@ def test_doppler_of_what_goes_straight_away(away, own):
     straight = Shifted(lambda time: (away * time, away))
     found = ping(EchoTargets(scene, wind=EchoWind(scene, straight)), sonar, AIR)
     (group,) = found.groups
-    c = 340.0
     alpha = factors(group, Station(sonar, AIR, posed(sonar), Equipment.of(sonar)), 0)
-    expected = (c + own) * (c - away) / ((c - own) * (c + away))
+    expected = (C + own) * (C - away) / ((C - own) * (C + away))
     assert alpha == pytest.approx(expected, rel=1e-12)
 
 
