@@ -334,9 +334,9 @@ def _plan(path: Path, tables: dict[str, Any]) -> Plan:
         bases=bases,
         varied=varied,
         own={key: tables[key] for key in OWN if key in tables},
-        splits=_within("splits", tables, Splits),
-        keep=_within("keep", tables, Keep),
-        running=_within("run", tables, Running),
+        splits=_within("splits", tables.get("splits", {}), Splits),
+        keep=_within("keep", tables.get("keep", {}), Keep),
+        running=_within("run", tables.get("run", {}), Running),
         tables=tables,
     )
     if plan.head.count == 0 and not any(one.kind == "grid" for one in varied):
@@ -350,9 +350,9 @@ def _plan(path: Path, tables: dict[str, Any]) -> Plan:
     return plan
 
 
-def _within(key: str, tables: dict[str, Any], kind: type[Settings]) -> Any:
+def _within(key: str, table: Any, kind: type[Settings]) -> Any:
     try:
-        return structure(tables.get(key, {}), kind)
+        return structure(table, kind)
     except SpecError as problem:
         raise SpecError(f"{key}.{problem.key}", problem.problem) from None
 
@@ -459,7 +459,7 @@ def _resolved(
     for path, value in drawn.items():
         own = path.split(".")[0].split("[")[0] in OWN
         put(tables, path if own else f"scene.{path}", copy.deepcopy(value))
-    mix = _within("mix", tables, Mix)
+    mix = _within("mix", tables["mix"], Mix)
     if mix.species or "plantings" in tables["scene"]:
         own = tables["scene"].get("plantings", [])
         tables["scene"]["plantings"] = _plantings(plan, mix, base, number, own)
@@ -467,10 +467,7 @@ def _resolved(
     files_of(scene)
     places = []
     for index, one in enumerate(tables["place"]):
-        try:
-            places.append(structure(one, Placing))
-        except SpecError as problem:
-            raise SpecError(f"place[{index}].{problem.key}", problem.problem) from None
+        places.append(_within(f"place[{index}]", one, Placing))
         names = [sensor.name for sensor in scene.sensors]
         if places[-1].sensor not in names:
             raise SpecError(
@@ -479,7 +476,8 @@ def _resolved(
             )
         if not plan.keep.empty:
             refuse_out_of_range(scene, places[-1], index)
-    return scene, {"mix": mix, "terrain": _within("terrain", tables, Ground), "place": places}
+    ground = _within("terrain", tables["terrain"], Ground)
+    return scene, {"mix": mix, "terrain": ground, "place": places}
 
 
 def idle_in_plan(plan: Plan) -> list[str]:
