@@ -36,8 +36,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix
-from scipy.sparse.linalg import eigsh
+import scipy  # loads a part when it is first asked
 
 from ...base.vectors import beside_segments, unit
 from ...spec import Species
@@ -298,7 +297,9 @@ def modes_of(
     free = stiff.shape[0] - 6
     count = min(count, free - 2)
     begin = np.ones(free)  # a fixed start: the same modes to the bit every time
-    square, shape = eigsh(stiff[6:, 6:], count, M=mass[6:, 6:], sigma=0.0, which="LM", v0=begin)
+    square, shape = scipy.sparse.linalg.eigsh(
+        stiff[6:, 6:], count, M=mass[6:, 6:], sigma=0.0, which="LM", v0=begin
+    )
     if gravity and square.min() <= 0:
         return None
     order = np.argsort(square)
@@ -330,7 +331,7 @@ def standing_modes(members: Members, wood: GreenWood, load: np.ndarray, count: i
 
 def matrices(
     members: Members, wood: GreenWood, load: np.ndarray, gravity: float = GRAVITY
-) -> tuple[csc_matrix, csc_matrix]:
+) -> tuple[scipy.sparse.csc_matrix, scipy.sparse.csc_matrix]:
     """Assemble stiffness and mass of all nodes, the clamped one first, (6N, 6N)."""
     length = members.length
     turn = _to_global(members, length)
@@ -349,8 +350,8 @@ def matrices(
     stiffness = np.concatenate([stiff.ravel(), topple.ravel()])
     loads = np.concatenate([mass.ravel(), load.ravel()])
     return (
-        csc_matrix(coo_matrix((stiffness, (rows, columns)), size)),
-        csc_matrix(coo_matrix((loads, (rows, columns)), size)),
+        scipy.sparse.csc_matrix(scipy.sparse.coo_matrix((stiffness, (rows, columns)), size)),
+        scipy.sparse.csc_matrix(scipy.sparse.coo_matrix((loads, (rows, columns)), size)),
     )
 
 
