@@ -435,15 +435,15 @@ class TiledScan:
         """The scan in the scene of a tile, and what makes the records of its clouds."""
         from ..sensing.lidar.scan import Scan
 
-        observer.prepare(self.sensor, self.way)
-        seed, offset = self.tiling.scene.seed, Offset.of(self.tiling.scene)
+        settings, offset = self.tiling.scene, Offset.of(self.tiling.scene)
         number = self.tiling.numbered(observer.geometry)
 
         def told(cloud: Any) -> np.ndarray:
             returns = replace(cloud.returns, instance=number[cloud.returns.instance])
             return records(replace(cloud, returns=returns), offset)
 
-        return Scan(self.sensor, observer.eyes(self.sensor), seed, self.way), told
+        folder = self.tiling.site.folder
+        return Scan.of(observer.job(self.sensor, settings, folder, self.way)), told
 
     def audit(self, piece: int) -> Audit:
         """Pulses of a piece that is made, looked at again: their records byte by byte ("figures"), and the

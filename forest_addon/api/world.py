@@ -24,7 +24,7 @@ from ..base.progress import Progress
 from ..base.rng import stream
 from ..formats.toml_file import idle_in_sensor
 from ..results.coordinates import Offset
-from ..sensing.kinds import KINDS, choose, kind_of
+from ..sensing.kinds import KINDS, audited, choose, kind_of
 from ..spec import (
     Airborne,
     Mobile,
@@ -150,8 +150,7 @@ class World:
         progress_of(progress)
         sensor, _ = choose(sensor)
         way = way_of(observer, sensor, along, self.folder)
-        observer.prepare(sensor, way)
-        scan = Scan(sensor, observer.eyes(sensor), self.scene.seed, way)
+        scan = Scan.of(observer.job(sensor, self.scene, self.folder, way))
         offset = Offset.of(self.scene)
         return write_scan(
             path, scan, self.scene.seed, offset=offset, resume=resume, progress=progress
@@ -202,14 +201,15 @@ class World:
         try:
             with enough_memory(sensor.name, "take fewer rays, pings or samples"):
                 way = way_of(observer, sensor, along, self.folder)
-                result = observer.observe(sensor, self.scene, progress, self.folder, way)
+                job = observer.job(sensor, self.scene, self.folder, way)
+                result = kind_of(sensor).run(job, progress)
             seconds = time.perf_counter() - before
-            audit = observer.audit(sensor, self.scene, result, seconds, self.folder, way)
+            audit = audited(job, result, seconds)
             idlers = tuple(
                 f"{sensor.name}: {sentence}" for sentence in idle_in_sensor(sensor, self.folder)
             )
-            warnings = (*idlers, *observer.warnings(sensor, way, self.folder))
-            empty = observer.empty(sensor, self.scene, result, self.folder, way)
+            warnings = (*idlers, *observer.warnings(job))
+            empty = kind_of(sensor).empty(job, result)
             warnings = (*warnings, f"{sensor.name}: {empty}") if empty else warnings
         except SpecError:
             raise

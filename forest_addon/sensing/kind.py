@@ -73,8 +73,8 @@ class Seen(Protocol):
         """The same without leaves."""
         ...
 
-    def moving_wood(self, sensor: Sensor) -> Any:
-        """Rays that pass leaves in the scene as it moves while a sensor looks."""
+    def moving_wood(self, moving: Any) -> Any:
+        """Rays that pass leaves in a scene that moves."""
         ...
 
     def once(self, make: Callable[..., T], *of: Any) -> T:

@@ -5,12 +5,16 @@ A sensor's own module is light; its physics is imported when it runs.
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 
+from ..base.rng import stream
 from ..spec import SENSORS, Choice, Scene, Sensor
-from .kind import TRIANGLE, Cost, SensorKind, cost_with
+from .audit import Audit, held
+from .kind import TRIANGLE, Cost, Observation, SensorKind, cost_with
 from .lidar.kind import AIRBORNE, MOBILE, TERRESTRIAL, TRACTOR
 from .reverb.kind import REVERB
 from .sonar.kind import SONAR
@@ -59,6 +63,19 @@ def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
     """A sensor with nothing left to "auto", and what was chosen."""
     made = kind_of(sensor).choose(sensor)
     return sensor.changed(**{choice.key: choice.value for choice in made}), made
+
+
+def audited(job: Observation, found: Any, seconds: float) -> Audit | None:
+    """A random sample of a finding, computed again by the exact way; None where audits are off.
+
+    seconds : that the finding took; ``settings.accuracy.audit`` is the share of it that is looked at.
+    """
+    audit = kind_of(job.sensor).audit
+    if job.settings.accuracy.audit == 0 or audit is None:
+        return None
+    begin, rng = time.perf_counter(), stream(job.settings.seed, "audit", job.sensor.name)
+    made = held(audit(job, found), rng, seconds)
+    return replace(made, audit_seconds=time.perf_counter() - begin)
 
 
 def outline(sensor: Sensor) -> np.ndarray:

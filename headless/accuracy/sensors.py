@@ -39,6 +39,7 @@ from forest_addon.growth.tree import Tree, with_tolerance
 from forest_addon.sensing.audit import AuditPart, held, one_of_each, share_off
 from forest_addon.sensing.detail import COARSE, coarse_species
 from forest_addon.sensing.kind import Observation
+from forest_addon.sensing.kinds import audited, kind_of
 from forest_addon.sensing.lidar.audit import beam_ranges, first_ranges
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.tractor import fan, positions
@@ -503,7 +504,7 @@ def sweep_reverb(
         rescattering=0,
     )
     job = Observation(one, observer, settings, folder)
-    audited = settings.changed(accuracy=settings.accuracy.changed(audit=1.0))
+    checked = settings.changed(accuracy=settings.accuracy.changed(audit=1.0))
     pair = pairs_of(**response_inputs(job))[0]
     ended, farthest = _ended_sooner(pair, job)
     cut = ended[one.continue_to][0] if ended else 0.0
@@ -511,8 +512,9 @@ def sweep_reverb(
 
     def point(tolerance: float) -> Point:
         asked = replace(one, tolerance=tolerance)
-        found, seconds = timed(lambda: observer.observe(asked, settings, None, folder))
-        audit = observer.audit(asked, audited, found, seconds, folder)
+        job = observer.job(asked, checked, folder)
+        found, seconds = timed(lambda: kind_of(asked).run(job, None))
+        audit = audited(job, found, seconds)
         checks = audit.checks if audit else ()
         looked.update({check.what: check.error for check in checks if check.unit == OF_OCTAVE})
         error = math.hypot(max(looked.values(), default=0.0), cut)

@@ -32,7 +32,7 @@ from forest_addon.sensing.kind import why_nothing
 from forest_addon.sensing.kinds import kind_of
 from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.sensing.lidar.scan import Scan
-from forest_addon.spec import SENSORS, Rays, Scanner, SpecError
+from forest_addon.spec import SENSORS, Rays, Scanner, Scene, SpecError
 
 from ..command import numbers
 from ..progress import Stages, hushed
@@ -231,8 +231,7 @@ def scan_blend(
         way = observer.way(sensor)
         cost = kind_of(sensor).cost(sensor, way, caster.engine)
         stages.say(f"  {replace(cost, memory=0)}")  # points go to the disk as they come
-        observer.prepare(sensor, way)
-        scan = Scan(sensor, observer.eyes(sensor), seed, way)  # type: ignore[arg-type]
+        scan = Scan.of(observer.job(sensor, Scene(seed=seed), way=way))
         started = time.perf_counter()
         with stages.stage(f"scan {scan.pulses:,} pulses") as progress:
             done = write_scan(

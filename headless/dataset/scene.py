@@ -37,6 +37,7 @@ from forest_addon.results.coordinates import (
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.points import records, write_rows
 from forest_addon.results.tables import write_cylinders
+from forest_addon.sensing.kinds import kind_of
 from forest_addon.sensing.lidar import scan as lidar
 from forest_addon.sensing.lidar.cloud import label
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
@@ -224,9 +225,9 @@ def _observe(
     """Run one sensor, write what it found, and what it could not see; fill the scene's record on."""
     cells, forest = truth
     with stages.stage(OBSERVING):
-        way = observer.way(sensor, folder)
-        result = observer.observe(sensor, settings, None, folder, way)
-        empty = observer.empty(sensor, settings, result, folder, way)
+        job = observer.job(sensor, settings, folder)
+        result = kind_of(sensor).run(job, None)
+        empty = kind_of(sensor).empty(job, result)
         if empty:
             record["empty"][sensor.name] = empty
     with stages.stage("write"):
@@ -244,8 +245,7 @@ def _observe(
             path = folder / f"{sensor.name}-forinstance.laz"
             write_for_instance(path, result, order, settings.plantings, settings.offset)
     with stages.stage("occlusion"):
-        observer.prepare(sensor, way)
-        scan = lidar.Scan(sensor, observer.eyes(sensor), settings.seed, way)
+        scan = lidar.Scan.of(job)
         if keep.occlusion and cells is not None:
             arrays = occlusion(scan, result, cells, keep.occlusion)
             arrays |= {"origin": np.array(settings.offset)}

@@ -256,9 +256,7 @@ def _in_blender(what: str, instancing: str, count: int) -> BenchRow:
         return BenchRow(read_back, lambda seen: _errors(seen.geometry, forest), count)
     if what == "first chunk of a strip":
         strip, _ = choose(spec.Airborne(name="strip"))
-        return BenchRow(
-            lambda: next(iter(Scan(strip, read_back().eyes(strip), 0).chunks())), many=count
-        )
+        return BenchRow(lambda: next(iter(Scan(strip, read_back().caster, 0).chunks())), many=count)
     folder = TemporaryDirectory()
     path = Path(folder.name) / "forest.blend"
 

@@ -324,7 +324,7 @@ def test_too_little_memory_is_said(world, monkeypatch):
     def huge(*_):
         np.zeros(2**48)
 
-    monkeypatch.setattr(Observer, "observe", huge)
+    monkeypatch.setattr(Observer, "job", huge)
     with pytest.raises(forest.SpecError, match=r"needs more memory than there is \(Unable to all"):
         world.scan(COARSE)
 

@@ -218,9 +218,7 @@ def test_any_moment_alone_is_the_same(result):
 
     world = built(WINDY)
     assert np.array_equal(world.scan(SCAN).points, result.points)
-    observer = world.observer
-    observer.prepare(SCAN)
-    work = Scan(SCAN, observer.eyes(SCAN), WINDY.seed)
+    work = Scan.of(world.observer.job(SCAN, WINDY))
     half = work.look(work.pulses // 2, work.pulses)
     late = result.found.pulse >= work.pulses // 2
     assert np.array_equal(half.position, result.found.position[late])

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,10 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import bpy
 import numpy as np
 
+from ...base.kept import LastAsked
 from ...base.progress import Progress
-from ...base.rng import stream
 from ...base.trimesh import GROUND
-from ...sensing.audit import Audit, held
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
 from ...sensing.moving import MovingScene
@@ -62,9 +60,7 @@ class Observer:
             self.expansions = expansions
         self.ran: set[str] = set()  # kinds of sensors for which all is set up
         self._made: dict[Any, Any] = {}
-        self._moving: dict[Sensor, MovingCaster] = {}
-        self._moving_wood: dict[Sensor, MovingCaster] = {}
-        self._begins: dict[Sensor, float] = {}
+        self._solid: LastAsked[MovingCaster, MovingCaster] = LastAsked(1)
         self._sway: ForestSway | None = None
         self._start = 0.0
 
@@ -119,7 +115,6 @@ class Observer:
         """Let trees sway, or stand still. start : s, the wind's time when a sensor begins."""
         if (sway, start) == (self._sway, self._start):
             return
-        self._moving.clear()
         self._made.clear()
         self.ran.clear()
         self._sway, self._start = sway, start
@@ -139,40 +134,42 @@ class Observer:
         """The same without leaves."""
         return self.wood if self._sway is None else self.once(_in_the_wind, True)
 
-    def prepare(self, sensor: Sensor, way: Trajectory | None = None) -> None:
-        """Read how the scene moves while a sensor looks, if it heeds that; on the main thread, before
-        ``observe``.
+    def job(
+        self,
+        sensor: Sensor,
+        settings: Scene,
+        folder: Path = Path(),
+        way: Trajectory | None = None,
+    ) -> Observation:
+        """A sensor with nothing left to "auto", where it goes, and how the scene moves while it looks, if it
+        heeds that; on the main thread, since Blender's scene is read. Running it touches no Blender data.
+
+        folder : that files named in the settings are relative to. way : None: as its settings say.
 
         Raises
         ------
-        ValueError : a motion that cannot be followed; says what to change.
+        ValueError : as ``way``; a motion that cannot be followed; says what to change.
         """
-        seconds = kind_of(sensor).lasts(sensor, way)
-        sways = self._sway is not None and kind_of(sensor).sways and kind_of(sensor).timed
-        self._moving.pop(sensor, None)
-        self._moving_wood.pop(sensor, None)
-        self._begins.pop(sensor, None)
+        sensor, _ = choose(sensor)
+        kind, begin, moving = kind_of(sensor), 0.0, None
+        way = self.way(sensor, folder) if way is None else way
+        seconds = kind.lasts(sensor, way)
+        sways = self._sway is not None and kind.sways and kind.timed
         if seconds > 0:
-            begin = 0.0
-            if kind_of(sensor).moves and way is None:  # it stays, and looks at the present frame
-                begin = self._begins[sensor] = max(seconds_of(bpy.context.scene), 0.0)
+            if kind.moves and way is None:  # it stays, and looks at the present frame
+                begin = max(seconds_of(bpy.context.scene), 0.0)
             whole, motion = read_motion(self.geometry, seconds, begin)
             sway, like = (self._sway, self.swaying) if sways else (None, None)
-            moving = MovingScene(self.geometry, motion, whole, sway, like=like and like.moving)
-            self._moving[sensor] = make_moving_caster(moving, self.rays, like)
-        elif sways and not kind_of(sensor).listens:  # a sonar asks for what it needs
-            self._moving[sensor] = self.swaying
+            scene = MovingScene(self.geometry, motion, whole, sway, like=like and like.moving)
+            moving = make_moving_caster(scene, self.rays, like)
+        elif sways and not kind.listens:  # a sonar asks for what it needs
+            moving = self.swaying
+        return Observation(sensor, self, settings, folder, way, moving, begin)
 
-    def moving_wood(self, sensor: Sensor) -> MovingCaster:
-        """Rays that pass leaves in the scene as it moves while a sensor looks, which was prepared."""
-        if sensor not in self._moving_wood:
-            moving = self._moving[sensor].moving.solid()
-            self._moving_wood[sensor] = make_moving_caster(moving, self.rays)
-        return self._moving_wood[sensor]
-
-    def eyes(self, sensor: Sensor) -> Any:
-        """Rays of a sensor: of the scene as it stands, or as it moves, where that was prepared."""
-        return self._moving.get(sensor) or self.caster
+    def moving_wood(self, moving: MovingCaster) -> MovingCaster:
+        """Rays that pass leaves in a scene that moves."""
+        make = lambda: make_moving_caster(moving.moving.solid(), self.rays)  # noqa: E731
+        return self._solid.once(moving, make)
 
     def observe(
         self,
@@ -182,24 +179,20 @@ class Observer:
         folder: Path = Path(),
         way: Trajectory | None = None,
     ) -> Any:
-        """Run one sensor of a scene; with its ``way`` given, this touches no Blender data.
-
-        folder : that files named in the settings are relative to.
+        """Run one sensor of a scene: a ``job``.
 
         Raises
         ------
         ValueError : settings that this scene cannot serve; says what to change.
         """
-        return kind_of(sensor).run(self._observation(sensor, settings, folder, way), progress)
+        return kind_of(sensor).run(self.job(sensor, settings, folder, way), progress)
 
-    def warnings(
-        self, sensor: Sensor, way: Trajectory | None = None, folder: Path = Path()
-    ) -> tuple[str, ...]:
+    def warnings(self, job: Observation) -> tuple[str, ...]:
         """Sentences on a sensor that stands where no user would want it: inside of a tree."""
-        points = kind_of(sensor).positions(Observation(sensor, self, Scene(), folder, way))
+        sensor = job.sensor
+        points = kind_of(sensor).positions(job)
         trees = tree_around(self.wood, points)
-        moving = self._moving.get(choose(sensor)[0])
-        motion = SceneMotion() if moving is None else moving.moving.motion
+        motion = SceneMotion() if job.moving is None else job.moving.moving.motion
         said = self._in_the_wind(sensor)
         said += [
             f'{sensor.name}: "{name}" has more or fewer parts from time to time; around these moments it '
@@ -257,44 +250,6 @@ class Observer:
             )
         return said
 
-    def empty(
-        self, sensor: Sensor, settings: Scene, found: Any, folder: Path = Path(), way: Any = None
-    ) -> str:
-        """Return that a finding holds nothing, and why, in a sentence; "" of one that holds something."""
-        return kind_of(sensor).empty(self._observation(sensor, settings, folder, way), found)
-
-    def audit(
-        self,
-        sensor: Sensor,
-        settings: Scene,
-        found: Any,
-        seconds: float,
-        folder: Path = Path(),
-        way: Trajectory | None = None,
-    ) -> Audit | None:
-        """A random sample of a finding, computed again by the exact way; None where audits are off.
-
-        seconds : that the finding took; ``settings.accuracy.audit`` is the share of it that is looked at.
-        """
-        audit = kind_of(sensor).audit
-        if settings.accuracy.audit == 0 or audit is None:
-            return None
-        job = self._observation(sensor, settings, folder, way)
-        begin, rng = time.perf_counter(), stream(settings.seed, "audit", sensor.name)
-        made = held(audit(job, found), rng, seconds)
-        return replace(made, audit_seconds=time.perf_counter() - begin)
-
-    def _observation(self, sensor: Sensor, settings: Scene, folder: Path, way: Any) -> Observation:
-        """A sensor with nothing left to "auto", where it goes."""
-        sensor, _ = choose(sensor)
-        way = self.way(sensor, folder) if way is None else way
-        moving = self._moving.get(sensor)
-        if moving is None:
-            self.prepare(sensor, way)
-            moving = self._moving.get(sensor)
-        begin = self._begins.get(sensor, 0.0)
-        return Observation(sensor, self, settings, folder, way, moving, begin)
-
     @staticmethod
     def way(sensor: Sensor, folder: Path = Path()) -> Any:
         """Path of a moving sensor, sampled from Blender's scene or read from a file; None: it
@@ -324,8 +279,6 @@ def _renewed(
         old = new
     old.places, lasting["observer"], lasting["changed"] = new.places, old, False
     lasting["solids"] = solids_in(depsgraph.scene)
-    for of_sensors in (old._moving, old._moving_wood, old._begins):  # it may move otherwise by now
-        of_sensors.clear()
     return old
 
 

@@ -137,8 +137,8 @@ def _audit_scan(job: Observation, found: Any) -> list[AuditPart]:
     from .audit import parts_of_scan
     from .scan import Scan
 
-    work = Scan(job.sensor, job.caster, job.settings.seed, job.trajectory)
-    return parts_of_scan(work, found, job.settings.accuracy.audit, job.seen.geometry)
+    share = job.settings.accuracy.audit
+    return parts_of_scan(Scan.of(job), found, share, job.seen.geometry)
 
 
 def _no_hits(job: Observation, found: Any) -> str:

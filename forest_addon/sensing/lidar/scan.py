@@ -23,6 +23,7 @@ from ...base.rng import child_keys, first_key
 from ...base.rows import distinct
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
+from ..kind import Observation
 from ..moving_rays import exactly
 from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.exact import Referee
@@ -109,6 +110,11 @@ class Scan:
         self._by_chance = scanner.surfaces.leaf_transmittance > 0  # what a ray meets
         self._lost = 0
         self._waves: Waveforms | None = None
+
+    @classmethod
+    def of(cls, job: Observation) -> Scan:
+        """The scan of a scanner in its scene."""
+        return cls(job.sensor, job.caster, job.settings.seed, job.trajectory)
 
     def moved(self, seed: int, path: Trajectory) -> Scan:
         """The same scanner in the same scene on another path, with the chances of another seed."""

@@ -55,7 +55,7 @@ def targets_of(seen: Seen) -> Any:
 def _targets(job: Observation) -> Any:
     """Targets that sound back, as they move where that is asked for."""
     still = job.seen.once(targets_of)
-    if not job.sensor.motion or job.moving is None:
+    if job.moving is None:
         return still
     from .targets import EchoTargets
     from .windy import EchoMotion, EchoWind
@@ -68,12 +68,11 @@ def _targets(job: Observation) -> Any:
 def _casters(job: Observation) -> tuple[Any, Any]:
     """Rays that pass leaves and rays that meet everything, None where ``shading`` has no use for them."""
     sonar, seen = job.sensor, job.seen
-    moves = sonar.motion and job.moving is not None
     wood = everything = None
     if "trunks" in sonar.shading:
-        wood = seen.moving_wood(sonar) if moves else seen.swaying_wood
+        wood = seen.swaying_wood if job.moving is None else seen.moving_wood(job.moving)
     if "extinction" in sonar.shading:
-        everything = job.moving if moves else seen.swaying
+        everything = seen.swaying if job.moving is None else job.moving
     return wood, everything
 
 

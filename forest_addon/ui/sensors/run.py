@@ -19,7 +19,7 @@ from ...blender.sensors import objects as sensors
 from ...formats.ownership import Keeper, keeping
 from ...results.coordinates import Offset
 from ...sensing.kind import Cost, note_pace
-from ...sensing.kinds import choose, cost_of, kind_of
+from ...sensing.kinds import audited, cost_of, kind_of
 from ...spec import Sensor, SpecError
 from ..forest.wind import swaying
 from ..results.keep import begin_frames
@@ -386,10 +386,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         number = "" if frame is None else f"-{frame:04d}"
         settings = to_spec(context.scene, [obj])
         (sensor,) = settings.sensors
-        observe = partial(observer.observe, sensor, settings, folder=home)
-        way = observer.way(sensor, home)
-        observer.prepare(choose(sensor)[0], way)  # here: it goes from frame to frame
-        found = yield Task(step, partial(observe, way=way), span=span)
+        job = observer.job(sensor, settings, home)  # here: it goes from frame to frame
+        found = yield Task(step, partial(kind_of(sensor).run, job), span=span)
         took = time.perf_counter() - started
         note_pace(sensor, cost, took)
         observer.ran.add(sensor.kind)
@@ -412,7 +410,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             "{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=cost.seconds
         )
         note_figures(context, obj.name, {"Time": estimate})
-        empty = observer.empty(sensor, settings, found, home, way)
+        empty = kind_of(sensor).empty(job, found)
         if empty:
             sentence = f"{obj.name}: {empty}"
             self.report({"WARNING"}, sentence)
@@ -420,9 +418,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         if folder is not None:
             numbered = replace(sensor, name=sensor.name + number)
             sentence += self._save(folder, obj.name, numbered, found, Offset.of(settings))
-        check = partial(observer.audit, sensor, settings, found, took, home, way)
         at_end = (span[1], span[1])
-        audit = yield Task(step, lambda _tell, check=check: check(), span=at_end)
+        audit = yield Task(step, lambda _tell: audited(job, found, took), span=at_end)
         if audit is not None:
             note_audit(context, obj.name, audit)
             if not audit.kept:
