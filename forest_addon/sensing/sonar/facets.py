@@ -197,8 +197,13 @@ def rims(
     near, far = np.linalg.norm(low, axis=1), np.linalg.norm(high, axis=1)
     centre = (low + high) / 2
     distance = np.linalg.norm(centre, axis=1)
-    sag = (near + far - 2.0 * distance) / 6.0  # from the middle's distance to the mean (Simpson)
-    centre *= (1.0 + sag / np.maximum(distance, 1e-30))[:, None]
+    # The mean over φ of r² is h² and that of ρ², as ∫ρ²dφ is twice a triangle's area; less for a slope's r.
+    swept = np.einsum("mi,mi->m", np.cross(low - foot[row], high - foot[row]), normal[row])
+    square = distance**2
+    wide = np.abs(swing) > RADIAL
+    square[wide] = height[row][wide] ** 2 + swept[wide] / swing[wide]
+    mean = np.sqrt(square) - (far - near) ** 2 / (24.0 * np.maximum(distance, 1e-30))
+    centre *= (mean / np.maximum(distance, 1e-30))[:, None]
     return Rims(centre, number[row], -height[row] * swing / (4.0 * math.pi), far - near)
 
 

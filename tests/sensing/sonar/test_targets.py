@@ -327,6 +327,17 @@ def test_one_triangle_is_kirchhoffs_integral(seed: int, size: float) -> None:
     assert np.abs(echo.spectrum[some] - expected).max() < 1e-3 / (2 * height)
 
 
+@pytest.mark.parametrize("corners", [3, 4, 8])
+def test_a_small_plate_is_its_far_field(corners: int) -> None:
+    """A plate of area S, straight on and far away, sends back S/λr², to a thousandth of itself."""
+    turn = 2 * math.pi * np.arange(corners) / corners
+    rim = np.stack([0.006 * np.cos(turn), 0.006 * np.sin(turn), np.full(corners, -3.0)], axis=1)
+    fan = np.stack([np.zeros(corners - 2, int), *(np.arange(corners - 2) + n for n in (1, 2))], 1)
+    echo = echo_of(TriMesh.of_part(rim, fan, OTHER), position=(1e-4, 2e-4, 0), max_range=6.0)
+    area = corners / 2 * 0.006**2 * math.sin(2 * math.pi / corners)
+    assert np.abs(echo.spectrum) == pytest.approx(area * echo.frequency / 340.0 / 9.0, rel=2e-3)
+
+
 @pytest.mark.parametrize("cells", [1, 7, 40])
 @pytest.mark.parametrize("height", [-0.3, -2.0])
 def test_a_wide_plane_is_a_mirror(cells: int, height: float) -> None:
