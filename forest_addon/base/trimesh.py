@@ -127,20 +127,16 @@ class TriMesh:
 
 
 def _keep(mesh: TriMesh, vertices: np.ndarray) -> None:
-    if vertices.dtype == np.float32 and not _has_room(vertices):
+    owner = vertices.base
+    room = (
+        isinstance(owner, np.ndarray)
+        and vertices.flags.c_contiguous
+        and vertices.ctypes.data == owner.ctypes.data
+        and vertices.nbytes + vertices.strides[0] <= owner.nbytes
+    )
+    if vertices.dtype == np.float32 and not room:  # Embree reads them 16 bytes at a time
         vertices = np.concatenate([vertices, np.zeros((1, 3), np.float32)])[:-1]
     vars(mesh)["vertices"] = vertices
-
-
-def _has_room(rows: np.ndarray) -> bool:
-    """Return whether a row more is behind these: Embree reads them where they are, 16 bytes at a time."""
-    owner = rows.base
-    return (
-        isinstance(owner, np.ndarray)
-        and rows.flags.c_contiguous
-        and rows.ctypes.data == owner.ctypes.data
-        and rows.nbytes + rows.strides[0] <= owner.nbytes
-    )
 
 
 TriMesh.vertices = property(  # type: ignore[assignment]

@@ -166,11 +166,11 @@ class WindField:
         """
         x = points[:, :2] @ self.along
         y = points[:, :2] @ np.array([-self.along[1], self.along[0]])
-        number = np.column_stack(
-            [self.frequency / (TRAVEL * self.speed), self.across[:, part] / (2 * np.pi)]
-        )
-        number = np.column_stack([number, self.upright[:, part] / (2 * np.pi)])
-        turns = self.phase[:, part] / (2 * np.pi) - np.column_stack([x, y, points[:, 2]]) @ number.T
+        number = np.stack([self.across[:, part], self.upright[:, part]]) / (2 * np.pi)
+        number = np.stack([self.frequency / (TRAVEL * self.speed), *number])
+        # Not by BLAS, whose threads wait for each other longer than these sums take.
+        turns = np.einsum("ni,ik->nk", np.column_stack([x, y, points[:, 2]]), number)
+        turns = self.phase[:, part] / (2 * np.pi) - turns
         turns -= np.rint(turns)
         angle = (2 * np.pi * turns).astype(np.float32)
         return np.cos(angle).astype(np.float64), np.sin(angle).astype(np.float64)
