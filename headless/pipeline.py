@@ -25,6 +25,7 @@ import numpy as np
 
 from forest_addon import kernels
 from forest_addon.api import Result, Site, World
+from forest_addon.api.given import refuse_costly, refuse_large
 from forest_addon.base.kept import digest
 from forest_addon.base.places import version
 from forest_addon.base.progress import Progress
@@ -83,17 +84,11 @@ from forest_addon.stand.intensity.surface import GroundSurface
 from forest_addon.stand.measured import record
 from forest_addon.stand.plan import labels
 
-from .progress import Stages, free_memory, hushed, peak_memory_mb
+from .progress import Stages, hushed, peak_memory_mb
 from .report import can_draw, page, without
 from .report.page import BUDGET, turning_cloud
 
 DRY = 1.0  # per cent of relative humidity, which no air has
-SURELY = 2.0  # times the memory that is free: what asks for more is refused, as it is known to a factor of 2
-SENSED, EXPORTED = (
-    4.0,
-    9.5,
-)  # times what trees hold as they grew: in Blender and for rays, and as glTF
-KNOWN = 1.25  # to which factor that is known
 LONG = 30.0  # s of a sensor, from which on its cost is said before
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
@@ -159,7 +154,7 @@ def run_scene(
     stages.tell(site.inputs.told)
     with stages.stage("grow trees") as progress:
         forest = site.grow(progress)
-    _refuse_large(forest, wanted.glb or bool(wanted.usd))
+    refuse_large(forest, wanted.glb or bool(wanted.usd))
     trees = len(forest.stand.first(len(settings.plantings)))
     if trees < len(forest.stand) and settings.forest.undergrowth == "auto":
         stages.say(
@@ -184,26 +179,6 @@ def run_scene(
     with stages.stage("write truth"):
         _write_truth(run, forest)
     _sense(run, world, sound, resume)
-
-
-def _refuse_large(forest: GrownForest, exported: bool) -> None:
-    """Refuse a forest that has grown and that memory will not hold as Blender's scene, for rays and as it is
-    written into files.
-
-    Raises
-    ------
-    SpecError : it needs more memory than there is, by far.
-    """
-    grown = sum(tree.nbytes for tree in forest.variants.values())
-    needs, free = grown * (EXPORTED if exported else SENSED), free_memory()
-    if needs > KNOWN * free:
-        few = max(1, int(len(forest.variants) * free / needs))
-        less = "" if not exported else "; output.glb = false halves it"
-        raise SpecError(
-            "plantings",
-            f"their {len(forest.variants)} different trees need about {needs / 1e9:.3g} GB of memory in "
-            f"Blender, and {free / 1e9:.3g} GB are free; give about {few} variants in all{less}",
-        )
 
 
 def run_blend(
@@ -314,13 +289,7 @@ def _make_ready(run: Run, world: World) -> None:
             raise SpecError(sensor.name, str(problem)) from None
         if run.stages.verbose or cost.seconds > LONG:
             run.stages.say(f"  {sensor.name}: {cost}")
-        free = free_memory()
-        if cost.memory > SURELY * free:
-            raise SpecError(
-                sensor.name,
-                f"needs about {cost.memory / 1e9:,.3g} GB of memory, and {free / 1e9:,.3g} GB are free; send "
-                "fewer pulses, pings or samples, or scan in [tiles]",
-            )
+        refuse_costly(sensor, cost)
 
 
 def _sense(run: Run, world: World, sound: Dry | None, resume: bool, sway: Any = None) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -175,23 +174,6 @@ def peak_memory_mb() -> float | None:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1024**2 if sys.platform == "darwin" else 1024)
-
-
-def free_memory() -> float:
-    """Bytes of memory that this process may still take; infinity where the system does not tell."""
-    free = math.inf
-    with suppress(OSError):
-        told = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-        names = ("MemAvailable", "SwapFree")
-        free = sum(1024.0 * int(told[name].split()[0]) for name in names if name in told)
-    with suppress(ImportError, OSError):
-        import resource
-
-        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        if limit != resource.RLIM_INFINITY:
-            pages = int(Path("/proc/self/statm").read_text().split()[0])
-            free = min(free, limit - pages * os.sysconf("SC_PAGE_SIZE"))
-    return free
 
 
 def held_memory(pid: int | str = "self") -> float:

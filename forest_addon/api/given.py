@@ -5,9 +5,10 @@ One sentence in place of what breaks further in.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +17,19 @@ import numpy as np
 from ..base.places import NO_BLENDER
 from ..formats.table import write_csv
 from ..formats.toml_file import PLATFORMS, read_scanner, scanner_names, structure
+from ..sensing.kind import Cost
 from ..sensing.kinds import kind_of
 from ..sensing.trajectory import Trajectory
 from ..spec import Scanner, Scene, Sensor, Settings, SpecError, unknown
 from ..spec.base import typed
+from ..stand.forest import GrownForest
 
+SURELY = 2.0  # times the memory that is free: a run that asks for more is refused, known to a factor of 2
+SENSED, EXPORTED = (
+    4.0,
+    9.5,
+)  # times what trees hold as they grew: in Blender and for rays, and as glTF
+KNOWN = 1.25  # to which factor that is known
 LONGEST = 200  # bytes of a file's name, so that a temporary one beside it fits
 
 
@@ -124,6 +133,59 @@ def enough_memory(key: str, what: str) -> Iterator[None]:
     except MemoryError as problem:
         said = f" ({problem})" if str(problem) else ""
         raise SpecError(key, f"needs more memory than there is{said}; {what}") from None
+
+
+def refuse_costly(sensor: Sensor, cost: Cost) -> None:
+    """Refuse a run that memory will not hold.
+
+    Raises
+    ------
+    SpecError : it needs more memory than there is, by far.
+    """
+    free = free_memory()
+    if cost.memory > SURELY * free:
+        raise SpecError(
+            sensor.name,
+            f"needs about {cost.memory / 1e9:,.3g} GB of memory, and {free / 1e9:,.3g} GB are free; send "
+            "fewer pulses, pings or samples, or scan in [tiles]",
+        )
+
+
+def refuse_large(forest: GrownForest, exported: bool = False) -> None:
+    """Refuse a forest that has grown and that memory will not hold as Blender's scene, for rays and as it is
+    written into files.
+
+    Raises
+    ------
+    SpecError : it needs more memory than there is, by far.
+    """
+    grown = sum(tree.nbytes for tree in forest.variants.values())
+    needs, free = grown * (EXPORTED if exported else SENSED), free_memory()
+    if needs > KNOWN * free:
+        few = max(1, int(len(forest.variants) * free / needs))
+        less = "" if not exported else "; output.glb = false halves it"
+        raise SpecError(
+            "plantings",
+            f"their {len(forest.variants)} different trees need about {needs / 1e9:.3g} GB of memory in "
+            f"Blender, and {free / 1e9:.3g} GB are free; give about {few} variants in all{less}",
+        )
+
+
+def free_memory() -> float:
+    """Bytes of memory that this process may still take; infinity where the system does not tell."""
+    free = math.inf
+    with suppress(OSError):
+        told = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+        names = ("MemAvailable", "SwapFree")
+        free = sum(1024.0 * int(told[name].split()[0]) for name in names if name in told)
+    with suppress(ImportError, OSError):
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY:
+            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            free = min(free, limit - pages * os.sysconf("SC_PAGE_SIZE"))
+    return free
 
 
 def import_blender() -> Any:

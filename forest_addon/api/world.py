@@ -57,6 +57,8 @@ from .given import (
     import_blender,
     points_of,
     progress_of,
+    refuse_costly,
+    refuse_large,
     way_of,
 )
 from .results import CLASSES, Echoes, PointCloud, Response, Result, RowScan, is_scanner
@@ -201,6 +203,7 @@ class World:
         try:
             with enough_memory(sensor.name, "take fewer rays, pings or samples"):
                 way = way_of(observer, sensor, along, self.folder)
+                refuse_costly(sensor, kind_of(sensor).cost(sensor, way, observer.caster.engine))
                 job = observer.job(sensor, self.scene, self.folder, way)
                 result = kind_of(sensor).run(job, progress)
             seconds = time.perf_counter() - before
@@ -522,6 +525,7 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
     with enough_memory("build", "plant fewer trees, or coarser ones"):
         site = Site.of(scene, folder)
         forest = site.grow(progress)
+        refuse_large(forest)
         return site.build(forest, seconds=time.perf_counter() - started)
 
 

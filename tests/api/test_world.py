@@ -329,6 +329,17 @@ def test_too_little_memory_is_said(world, monkeypatch):
         world.scan(COARSE)
 
 
+def test_what_memory_will_not_hold_is_refused_before_it_begins(world, monkeypatch):
+    poses = forest.trajectory([0.0, 1e5], [(0.0, 0.0, 30.0), (9.0, 0.0, 30.0)])  # milliseconds
+    with pytest.raises(
+        forest.SpecError, match=r"needs about \S+ GB of memory, and \S+ GB are free"
+    ):
+        world.scan(forest.Mobile(), along=poses)
+    monkeypatch.setattr(scanners_module, "free_memory", lambda: 1e5)
+    with pytest.raises(forest.SpecError, match="plantings: their 1 different trees need about"):
+        forest.build(SCENE)
+
+
 AWAY = (4000.0, 0.0, 2.0)
 
 

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 from forest_addon import api, kernels, spec
+from forest_addon.api import given
 from forest_addon.base.places import ASSETS, environment_of_child, version
 from forest_addon.formats.wav import write_wav
-from headless import cli, pipeline
+from headless import cli
 from headless.cli import main
 from headless.command import fault_of, is_told
 from headless.commands import COMMANDS
@@ -271,7 +272,7 @@ def test_without_blender_a_run_says_what_to_install(tmp_path):
 def test_a_forest_that_memory_will_not_hold_is_refused_as_it_has_grown(
     scene, tmp_path, monkeypatch, headless
 ):
-    monkeypatch.setattr(pipeline, "free_memory", lambda: 1e5)
+    monkeypatch.setattr(given, "free_memory", lambda: 1e5)
     said = headless("run", scene, "--out", tmp_path / "out", ends=2).stderr.splitlines()[-1]
     assert re.match(r"error: plantings: their 1 different trees need about \S+ GB of memory", said)
     assert said.endswith("0.0001 GB are free; give about 1 variants in all")
