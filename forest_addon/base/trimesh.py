@@ -83,10 +83,6 @@ class TriMesh:
         points: np.ndarray = vars(self)["vertices"]
         return points
 
-    def narrow(self) -> None:
-        """Keep the vertices in float32 from now on, as Blender has them."""
-        _keep(self, self.points.astype(np.float32, copy=False))
-
     def known_edges(self) -> Edges | None:
         """The edges, made now where they were left for later."""
         return self.edges() if callable(self.edges) else self.edges
@@ -127,14 +123,7 @@ class TriMesh:
 
 
 def _keep(mesh: TriMesh, vertices: np.ndarray) -> None:
-    owner = vertices.base
-    room = (
-        isinstance(owner, np.ndarray)
-        and vertices.flags.c_contiguous
-        and vertices.ctypes.data == owner.ctypes.data
-        and vertices.nbytes + vertices.strides[0] <= owner.nbytes
-    )
-    if vertices.dtype == np.float32 and not room:  # Embree reads them 16 bytes at a time
+    if vertices.dtype == np.float32:  # Embree reads them where they are, 16 bytes at a time
         vertices = np.concatenate([vertices, np.zeros((1, 3), np.float32)])[:-1]
     vars(mesh)["vertices"] = vertices
 
@@ -152,21 +141,28 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
     """One mesh out of several; leaf numbers of later meshes follow on those of earlier ones."""
     if not meshes:
         return TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)
-    triangles, leaf = [], []
-    first_vertex = first_leaf = 0
-    for m in meshes:
-        triangles.append(m.triangles + np.int32(first_vertex))
-        leaf.append(np.where(m.leaf < 0, m.leaf, m.leaf + np.int32(first_leaf)))
-        first_vertex += len(m.points)
-        first_leaf += int(m.leaf.max(initial=-1)) + 1
+    sizes = [len(m.triangles) for m in meshes]
+    triangles = np.empty((sum(sizes), 3), dtype=np.int32)
+    leaf = np.empty(sum(sizes), dtype=np.int32)
+    start = first_vertex = first_leaf = 0
+    for m, size in zip(meshes, sizes, strict=True):
+        stop = start + size
+        np.add(m.triangles, first_vertex, out=triangles[start:stop], casting="unsafe")
+        largest = int(m.leaf.max(initial=-1))
+        leaf[start:stop] = m.leaf
+        if largest >= 0 and first_leaf:
+            leaf[start:stop][m.leaf >= 0] += first_leaf
+        first_vertex += len(m.vertices)
+        first_leaf += largest + 1
+        start = stop
     has_uv = all(m.uv is not None for m in meshes)
     has_order = all(m.order is not None for m in meshes)
-    edges = [(m.edges, len(m.points)) for m in meshes if m.edges is not None]
+    edges = [(m.edges, len(m.vertices)) for m in meshes if m.edges is not None]
     return TriMesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
-        triangles=np.concatenate(triangles),
+        triangles=triangles,
         part=np.concatenate([m.part for m in meshes]),
-        leaf=np.concatenate(leaf),
+        leaf=leaf,
         material=np.concatenate([m.material for m in meshes]),
         uv=np.concatenate([m.uv for m in meshes if m.uv is not None]) if has_uv else None,
         order=np.concatenate([m.order for m in meshes if m.order is not None])

@@ -61,7 +61,7 @@ ROOTS = 4.5  # how far roots stand out of a stem in relief, over how much wider 
 class Tree:
     """A grown tree, foot at the origin, z up.
 
-    mesh : wood in material slot 0, leaves in slot 1; of one that stands in a forest in single precision.
+    mesh : wood in material slot 0, leaves in slot 1.
     leaves : the truth of its leaves; ``branch`` counts the first-level branches, -1 on the trunk.
     skeleton : all of its wood; of one that is grafted by Tanveer et al.'s grammar, trunk and first-level
         axes.
@@ -82,12 +82,6 @@ class Tree:
     def height(self) -> float:
         """Metres from the ground to the highest point."""
         return float(self.mesh.vertices[:, 2].max(initial=0.0))
-
-    def narrow(self) -> Tree:
-        """The tree itself, whose mesh is in single precision from now on, as Blender and sensors have it."""
-        _ = self.height  # which is kept
-        self.mesh.narrow()
-        return self
 
     @property
     def nbytes(self) -> int:
@@ -149,7 +143,7 @@ def wood_of(skeleton: Skeleton, tolerance: float, relief: Relief | None = None) 
 def with_tolerance(tree: Tree, tolerance: float) -> Tree:
     """The same tree, whose wood is all in its skeleton, meshed to another tolerance."""
     wood = wood_of(tree.skeleton, tolerance, tree.relief)
-    return replace(tree, mesh=join([wood, tree.mesh.select(tree.mesh.part == LEAF)])).narrow()
+    return replace(tree, mesh=join([wood, tree.mesh.select(tree.mesh.part == LEAF)]))
 
 
 def blade_of(species: Species, own: Blade | None) -> Blade:
@@ -385,10 +379,14 @@ def with_fallen(tree: Tree, share: float, rng: np.random.Generator) -> Tree:
         return without_leaves(tree)
     stays = rng.random(len(tree.leaves)) >= share
     mesh = tree.mesh
-    left = mesh.select((mesh.part != LEAF) | (mesh.leaf < 0) | stays[mesh.leaf])
+    stays_there = np.ones(len(mesh.leaf), dtype=bool)
+    of_leaf = (mesh.part == LEAF) & (mesh.leaf >= 0)
+    stays_there[of_leaf] = stays[mesh.leaf[of_leaf]]
+    left = mesh.select(stays_there)
     number = np.cumsum(stays) - 1
     leaf = np.where(left.leaf >= 0, number[left.leaf], -1).astype(left.leaf.dtype)
-    return replace(tree, mesh=replace(left, leaf=leaf), leaves=tree.leaves.select(stays))
+    kept = tree.leaves.select(stays)
+    return replace(tree, mesh=replace(left, leaf=leaf), leaves=kept)
 
 
 def _times(spread: Normal, factor: float) -> Normal:

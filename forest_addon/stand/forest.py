@@ -225,13 +225,12 @@ class ForestPlan:
             words = (self.scene.seed, "tree", name, variant)
             make = partial(grow, species, templates, wanted=target)
             if self.kept is None:
-                tree = make(stream(*words)).narrow()
+                tree = make(stream(*words))
             else:
                 key = key_of(words, species, templates, target)
-                tree, _ = self.kept.once(key, lambda: (make(stream(*words)).narrow(), templates))
+                tree, _ = self.kept.once(key, lambda: (make(stream(*words)), templates))
         share = fallen(self.scene.plantings[planting].season)
-        drawn = stream(self.scene.seed, "tree", name, variant, "fall")
-        return with_fallen(tree, share, drawn).narrow()
+        return with_fallen(tree, share, stream(self.scene.seed, "tree", name, variant, "fall"))
 
     def grow(self, progress: Progress | None = None) -> GrownForest:
         """Grow the variants that occur in the stand and sink their feet into the ground."""

@@ -15,7 +15,7 @@ other.
 
 ``dataset --check`` holds every file against its SHA-256, and every label against the truth beside it: a
 point's tree is one of trees.csv and of that species, its leaf one that this tree has; the areas of voxels.npz
-are those of trees.csv (leaves) within 1e-5; a cylinder's parent is of the same tree and stands before it; no
+are those of trees.csv (leaves) within 1e-9; a cylinder's parent is of the same tree and stands before it; no
 two splits share a grown tree unless the plan says so; no result is empty, likewise.
 """
 
@@ -344,7 +344,7 @@ def _pack(path: Path, scenes: list[Done]) -> Path:
     return path
 
 
-AREA = 1e-5  # relative: meshes are in single precision
+AREA = 1e-9  # relative
 NAMED = 20  # faults that are said
 
 

@@ -537,30 +537,18 @@ def test_places_that_are_read_are_held_as_blender_has_them(empty_blender, tree):
 
 @pytest.mark.parametrize("changed", [False, True])
 def test_what_is_read_as_it_was_written_is_held_once(empty_blender, tree, changed):
-    tree.narrow()
     data = to_mesh("tree", tree)
     if changed:
-        data.vertices[5].co.x += 1
         for name, value in (("part", 3), ("leaf", 7), ("material_index", 1)):
             data.attributes[name].data[5].value = value
     back = from_mesh(data)
     assert np.shares_memory(back.triangles, tree.triangles)
-    for name in ("points", "part", "leaf", "material"):
+    for name in ("part", "leaf", "material"):
         assert np.shares_memory(getattr(back, name), getattr(tree, name)) != changed
     assert back.part[5] == (3 if changed else tree.part[5])
     assert tree.part[5] != 3
     with pytest.raises(ValueError, match="read-only"):
         back.triangles[0] = 0
-
-
-def test_places_are_held_where_they_are_if_a_row_follows_them():
-    """Embree reads 16 bytes at a time."""
-    places = np.arange(15, dtype=np.float32).reshape(5, 3)
-    for rows, room in ((places[:4], True), (places[1:], False), (places, False)):
-        mesh = TriMesh.of_part(rows, np.array([[0, 1, 2]]), WOOD)
-        mesh = dataclasses.replace(mesh, vertices=rows)
-        assert np.array_equal(mesh.points, rows)
-        assert np.shares_memory(mesh.points, places) == room
 
 
 def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):

@@ -15,7 +15,6 @@ from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.base.trimesh import GROUND, WOOD
 from forest_addon.blender.rays.bvh import BvhCaster
-from forest_addon.blender.read.depsgraph import read_scene
 from forest_addon.blender.read.inputs import (
     read_painted,
     read_places,
@@ -63,12 +62,6 @@ def grown():
 def trees(grown, empty_blender):
     build(bpy.context.scene, SCENE, grown)
     return list(part(bpy.context.scene, TREES).all_objects)
-
-
-def test_a_forest_and_what_is_read_of_it_hold_places_once(grown, trees):
-    read = read_scene(bpy.context.evaluated_depsgraph_get()).meshes
-    for tree in grown.variants.values():
-        assert sum(np.shares_memory(mesh.points, tree.mesh.points) for mesh in read) == 1
 
 
 def look():

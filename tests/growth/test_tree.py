@@ -145,14 +145,6 @@ def test_leaves_fall_the_same_ones_first_and_those_left_are_as_they_were(tree):
     assert with_fallen(tree, 0.0, stream(1, "fall")) is tree
 
 
-def test_a_narrow_tree_is_as_tall_as_it_grew(tree):
-    places = tree.mesh.vertices
-    narrow = Tree(replace(tree.mesh), tree.leaves, tree.skeleton).narrow()
-    assert narrow.mesh.points.dtype == np.float32
-    assert np.array_equal(narrow.mesh.points, places.astype(np.float32))
-    assert narrow.height == places[:, 2].max() != narrow.mesh.vertices[:, 2].max()
-
-
 def test_seasons_turn_colours_then_take_leaves():
     species, _ = load_species(find_species("hazelnut", Path()))
     colours = [in_season(species, season).look.autumn for season in (0, 0.25, 0.5, 1)]

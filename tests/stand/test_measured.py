@@ -313,7 +313,7 @@ def test_areas_by_cell_add_up_to_the_meshes():
 
 def test_the_inventory_is_in_metres_above_the_ground():
     table = inventory(forest())
-    assert np.allclose(table["leaf_area_m2"], world_areas(LEAF), rtol=1e-7)
+    assert np.allclose(table["leaf_area_m2"], world_areas(LEAF), rtol=1e-9)
     for tree, matrix in enumerate(forest().transforms()):
         grown = forest().variant_of(tree)
         top = (grown.mesh.vertices @ matrix[2, :3] + matrix[2, 3]).max()

@@ -313,8 +313,8 @@ _meshes: WeakValueDictionary[str, TriMesh] = WeakValueDictionary()  # by what th
 
 def _known(mesh: TriMesh) -> TriMesh:
     """A mesh that was read, with its leaves apart; where one that holds the same is in use, that one."""
-    arrays = mesh.points, mesh.triangles, mesh.part, mesh.leaf, mesh.material
-    told = digest([len(mesh.points), len(mesh.triangles), *arrays])
+    arrays = mesh.vertices, mesh.triangles, mesh.part, mesh.leaf, mesh.material
+    told = digest([len(mesh.vertices), len(mesh.triangles), *arrays])
     return _meshes.get(told) or _meshes.setdefault(told, separate_leaves(mesh))
 
 

@@ -47,7 +47,7 @@ def to_mesh(
     count = len(mesh.triangles)
     if not count:
         return data
-    for values in (mesh.points, mesh.triangles, mesh.part, mesh.leaf, mesh.material):
+    for values in (mesh.triangles, mesh.part, mesh.leaf, mesh.material):
         _written[_told(values)] = values
     data.vertices.add(len(mesh.vertices))
     data.loops.add(3 * count)
@@ -79,7 +79,7 @@ def from_mesh(data: bpy.types.Mesh) -> TriMesh:
     """Any Blender mesh as triangles in its local space, with our face attributes where it has them."""
     triangles, face = _triangles(data)
     return TriMesh(
-        vertices=_once(read(data, "position", "FLOAT_VECTOR")),
+        vertices=read(data, "position", "FLOAT_VECTOR"),
         triangles=_once(triangles.reshape(-1, 3)),
         part=_once(_face_values(data, "part", np.int8, OTHER)[face]),
         leaf=_once(_face_values(data, "leaf", np.int32, -1)[face]),
