@@ -46,6 +46,7 @@ USUAL = {
     "crown_width": (0.5, 40.0),
 }  # half the trees of a table
 USUAL["crown_base"] = USUAL["height"]
+LEAST = {"dbh": 0.005, "height": 0.05, "crown_width": 0.03}  # metres, of half the trees of a table
 
 
 # Of stems so thick, and of trees so tall, in metres: how many times they are as tall as thick in no stand,
@@ -105,7 +106,7 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
 
     Raises
     ------
-    SpecError : one is not above 0, or too large; says which unit would make sense.
+    SpecError : one is not above 0 or too large, or half are too small; says which unit would make sense.
     """
     for key, column in zip(NUMBERS, trees.numbers.T, strict=True):
         bad = np.flatnonzero(column <= 0)
@@ -129,6 +130,12 @@ def refuse_sizes(path: Path, trees: TreeMap) -> None:
                     str(path),
                     f"{why}; a median of {typical:.3g} "
                     f"{' or '.join(fit)} would make sense: say the unit in the header, as {key}_{fit[0]}",
+                )
+            if typical < LEAST.get(key, 0):
+                raise SpecError(
+                    str(path),
+                    f"half of the trees have a {key} of {1000 * typical:.3g} mm or less; write numbers "
+                    "without marks of thousands, and the right unit in the header",
                 )
     for row in np.flatnonzero(
         trees.numbers[:, NUMBERS.index("crown_base")] >= trees.numbers[:, NUMBERS.index("height")]
