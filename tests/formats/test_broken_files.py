@@ -231,7 +231,7 @@ READERS = {
     "wav": ("a.wav", lambda path: write_wav(path, np.linspace(-1, 1, 50), 8000.0), read_wav),
     "call": (
         "a.wav",
-        lambda path: write_wav(path, np.linspace(-1, 1, 50), 250_000.0),
+        lambda path: write_wav(path, np.sin(1.76 * np.arange(50)), 250_000.0),  # 70 kHz
         lambda path: read_call(path, Sonar()),
     ),
     "policy": (

@@ -376,6 +376,11 @@ def test_a_call_from_a_wav_file(tmp_path: Path) -> None:
     assert call.duration == pytest.approx(count / rate)
     echo = ping(LEAVES, sonar, Air(), equipment=equip(sonar, tmp_path))
     assert np.abs(echo.waveforms).max() > 0
+    low = np.sin(2 * np.pi * 15e3 * np.arange(count) / rate) * np.hanning(count)
+    for wrong, said in ((tone + 0.2, r"offset of 1\d % of its"), (low, r"0\.0 % of its energy")):
+        wavfile.write(tmp_path / "call.wav", rate, wrong.astype(np.float32))
+        with pytest.raises(SpecError, match=said):
+            equip(sonar, tmp_path)
     wavfile.write(tmp_path / "call.wav", rate, np.zeros(10, np.int16))
     with pytest.raises(SpecError, match="silent"):
         equip(sonar, tmp_path)

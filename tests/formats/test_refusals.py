@@ -49,7 +49,10 @@ LISTS = [
     ("x,y,rotation\n1,2,120\n", "more than a turn; call the column rotation_deg"),
     ("x,y,scale\n1,2,120\n", "row 2: scale is 120 times; .* scale_%"),
     ("x;y;dbh_mm\n1;2;1,200\n3;4;900\n", 'row 2: dbh is "1,200", which may be thousands'),
-    ("x;y;dbh_mm\n1;2;1,200\n3;4;1,100\n", "a dbh of 1.15 mm or less; .* without marks of thousands"),
+    (
+        "x;y;dbh_mm\n1;2;1,200\n3;4;1,100\n",
+        "a dbh of 1.15 mm or less; .* without marks of thousands",
+    ),
     ("x;y;h_cm\n1;2;1.200\n3;4;2.100\n", "a height of 16.5 mm or less"),
     ("x,y,dbh_cm,h\n1,2,28,0.3\n", "row 2: a tree of 0.3 m has no DBH"),
     ("utm_zone,x,y\n32U,5e5,5.4e6\n33U,5e5,5.4e6\n", "several UTM zones"),

@@ -30,6 +30,7 @@ PLACES = ("x_m", "y_m", "z_m", "azimuth_deg", "elevation_deg")
 WIDTH, TIME = "beam_width_deg", "time_s"
 SPHERE, EAR = ("azimuth_deg", "elevation_deg"), "ear"  # of patterns all round
 BANDS = 33  # frequencies that a head's responses are read at
+LEAST_WITHIN, MOST_OFFSET = 0.01, 0.05  # of a call's energy in the band; of its largest sample
 DEAF = 1e-4  # of the loudest: -80 dB, the least that an ear hears
 
 
@@ -227,9 +228,26 @@ def read_sound(path: Path, sonar: Sonar) -> Call:
 
 
 def read_call(path: Path, sonar: Sonar) -> Call:
-    """The same as a call, its largest sample 1; raises as that."""
+    """The same as a call, its largest sample 1.
+
+    Raises
+    ------
+    SpecError : as that; next to nothing of it lies in the sonar's band, or it has an offset.
+    """
     sound = read_sound(path, sonar)
-    return replace(sound, samples=sound.samples / np.abs(sound.samples).max())
+    peak, offset = np.abs(sound.samples).max(), np.abs(sound.samples.mean())
+    power = np.abs(np.fft.fft(sound.samples)) ** 2
+    frequency = np.abs(np.fft.fftfreq(len(power), 1 / sound.sample_rate))
+    beside = np.abs(np.clip(frequency, *sonar.band) - frequency)
+    share = power[beside <= 1 / sound.duration].sum() / power.sum()
+    if share < LEAST_WITHIN or offset > MOST_OFFSET * peak:
+        raise SpecError(
+            str(path),
+            f"has {100 * share:.1f} % of its energy in the band of {sonar.band[0]:g} to "
+            f"{sonar.band[1]:g} Hz, and an offset of {100 * offset / peak:.0f} % of its largest sample; "
+            "filter it to the call alone, or set the band to the call's",
+        )
+    return replace(sound, samples=sound.samples / peak)
 
 
 def read_noise(path: Path, sonar: Sonar, level_db: float | None) -> Call:
