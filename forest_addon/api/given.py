@@ -350,8 +350,16 @@ def way_of(observer: Observer, sensor: Sensor, along: Any, folder: Path) -> Any:
     if along is None:
         return observer.way(sensor, folder)
 
-    if not isinstance(along, Trajectory):
-        raise SpecError("along", f"takes a trajectory, not {called(along)}")
+    if not (
+        isinstance(along, Trajectory)
+        and isinstance(along.time, np.ndarray)
+        and isinstance(along.position, np.ndarray)
+        and hasattr(along.attitude, "as_matrix")
+    ):
+        raise SpecError(
+            "along",
+            f"takes what forest.trajectory makes (arrays, and a Rotation), not {called(along)}",
+        )
     if not kind_of(sensor).moves:
         raise SpecError("along", f"is for a Mobile scanner or a Sonar, not {called(sensor)}")
     return along

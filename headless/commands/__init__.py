@@ -712,7 +712,8 @@ What HELIOS++ cannot say is printed, and stands in scene.json.""",
             "dry": {
                 "type": sound_file,
                 "metavar": "DRY.wav",
-                "help": "the dry sound, at any rate, or the name of one of assets/sounds",
+                "help": "the dry sound, at any rate, its channels mixed to one, or the name of one of "
+                "assets/sounds",
             },
             "--out": {
                 "type": Path,

@@ -17,6 +17,7 @@ import laspy
 import numpy as np
 import pytest
 from scipy.io import wavfile
+from scipy.spatial.transform import Rotation
 
 from forest_addon import api as forest, spec
 
@@ -261,7 +262,14 @@ def other(species):
         (lambda w: forest.trajectory([0, 1], np.zeros((2, 3)), [1, 2, 3]), "arrays of one length"),
         (lambda w: forest.trajectory([0, np.nan], np.zeros((2, 3))), "not finite"),
         (lambda w: forest.trajectory("ab", np.zeros((2, 3))), "arrays of one length"),
-        (lambda w: w.scan(FEW, along=3), "along: takes a trajectory, not an int"),
+        (lambda w: w.scan(FEW, along=3), "along: takes what forest.trajectory makes"),
+        *(
+            (lambda w, way=way: w.scan(FEW, along=way), "(arrays, and a Rotation), not a Traj")
+            for way in (
+                forest.Trajectory([0, 1], np.zeros((2, 3)), Rotation.identity(2)),
+                forest.Trajectory(np.arange(2.0), np.zeros((2, 3)), np.eye(2, 4)),
+            )
+        ),
         (
             lambda w: w.scan(FEW, along=forest.trajectory([0], [(0, 0, 0)])),
             "along: is for a Mobile scanner or a Sonar, not a Terrestrial",

@@ -236,10 +236,10 @@ def read_call(path: Path, sonar: Sonar) -> Call:
     """
     sound = read_sound(path, sonar)
     peak, offset = np.abs(sound.samples).max(), np.abs(sound.samples.mean())
-    power = np.abs(np.fft.fft(sound.samples)) ** 2
-    frequency = np.abs(np.fft.fftfreq(len(power), 1 / sound.sample_rate))
-    beside = np.abs(np.clip(frequency, *sonar.band) - frequency)
-    share = power[beside <= 1 / sound.duration].sum() / power.sum()
+    power = np.abs(np.fft.rfft(sound.samples)) ** 2
+    frequency = np.fft.rfftfreq(len(sound.samples), 1 / sound.sample_rate)
+    within = np.abs(np.clip(frequency, *sonar.band) - frequency) <= 1 / sound.duration
+    share = power[within].sum() / power.sum()
     if share < LEAST_WITHIN or offset > MOST_OFFSET * peak:
         raise SpecError(
             str(path),

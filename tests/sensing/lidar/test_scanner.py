@@ -440,6 +440,10 @@ def test_sbet_comes_out_in_the_map(tmp_path):
     (tmp_path / "a.SBET").rename(tmp_path / "a.sbet")
     with pytest.raises(SpecError, match="--crs: is missing"):
         read_trajectory(tmp_path / "a.sbet")
+    record[0, 1] = np.nan
+    record.astype("<f8").tofile(tmp_path / "a.sbet")
+    with pytest.raises(SpecError, match="no radians"):
+        read_trajectory(tmp_path / "a.sbet", "EPSG:32612")
 
 
 # --------------------------------------------------------------------------------------------- flown

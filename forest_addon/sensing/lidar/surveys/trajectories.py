@@ -70,7 +70,7 @@ def read_sbet(path: Path, crs: str) -> np.ndarray:
     if not len(stored) or len(stored) % RECORD:
         raise SpecError(str(path), f"is no SBET: {8 * len(stored)} bytes are no records of 136")
     time, lat, lon, up, _, _, _, roll, pitch, heading, wander = stored.reshape(-1, RECORD).T[:11]
-    if (np.abs(lat) > np.pi / 2).any() or (np.abs(lon) > 2 * np.pi).any():
+    if not ((np.abs(lat) <= np.pi / 2) & (np.abs(lon) <= 2 * np.pi)).all():
         raise SpecError(str(path), "is no SBET: latitudes or longitudes are no radians")
     if not crs:
         raise SpecError("--crs", "is missing; an SBET needs the map's system, as EPSG:26912")
