@@ -221,8 +221,6 @@ def read_sound(path: Path, sonar: Sonar) -> Call:
         )
     try:
         return resampled(samples, rate, sonar)
-    except SpecError:
-        raise
     except ValueError as problem:
         raise SpecError(str(path), f"cannot be used as a sound: {problem}") from None
 
