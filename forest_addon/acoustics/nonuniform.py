@@ -49,7 +49,7 @@ FALLS = (
 )  # nepers and nodes, over the turn
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
-SAMPLES = 512  # echoes that are measured, and of many more
+SAMPLES = 256  # echoes that are measured, and of many more
 SPARE = 12  # nodes beyond those that the farthest reaching of them should need
 RESOLVED = 0.01  # of the tolerance, that the last quarter of a series may hold
 FLAT = 3.0  # times what is left beyond two thirds of it: amplitudes are no smoother

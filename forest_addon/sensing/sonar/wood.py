@@ -266,8 +266,9 @@ def _crept(size: np.ndarray) -> np.ndarray:
 
 
 def _mirrored(size: np.ndarray) -> np.ndarray:
-    """S(ka, π) times e^{2ika} without what creeps, but for terms of (ka)^-3."""
+    """S(ka, π) times e^{2ika} without what creeps, but for terms of (ka)^-5."""
     series = 1.0 - 11j / (16.0 * size) - 353.0 / (512.0 * size**2)
+    series += 11569j / (8192.0 * size**3) + 2397995.0 / (524288.0 * size**4)
     return np.asarray(np.sqrt(math.pi * size) / 2.0 * np.exp(-0.25j * math.pi) * series)
 
 

@@ -450,6 +450,16 @@ def test_no_wood_and_a_switch() -> None:
     assert not echo_of(pole(0.01), wood=False).spectrum.any()
 
 
+@pytest.mark.parametrize(
+    ("size", "ripple"), [(12.0, 2e-3), (16.0, 2e-3), (25.0, 1e-3), (60.0, 2e-4)]
+)
+def test_what_creeps_around_is_smooth(size: float, ripple: float) -> None:
+    """A mirrored wave that was left in it beats with it: by 2 % where the series ends at (ka)^-2."""
+    near = np.linspace(0.95 * size, 1.05 * size, 1001)
+    level = np.log(np.abs(_backscatter(near, "creeping")))
+    assert np.std(level - np.polynomial.Polynomial.fit(near, level, 3)(near)) < ripple
+
+
 @pytest.mark.parametrize("engine", ["on", "off"])
 def test_mirror_creeping_wave_and_ends_add_up(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FOREST_SENSING_KERNELS", engine)
