@@ -105,7 +105,7 @@ BUDGETS = {
     "forest_addon/growth": (7799, 36),
     "forest_addon/kernels": (55, 1),
     "forest_addon/results": (1112, 13),
-    "forest_addon/sensing": (12236, 93),
+    "forest_addon/sensing": (12237, 93),
     "forest_addon/spec": (1333, 11),
     "forest_addon/stand": (3551, 15),
     "forest_addon/ui": (5265, 36),
