@@ -203,7 +203,10 @@ class World:
         try:
             with enough_memory(sensor.name, "take fewer rays, pings or samples"):
                 way = way_of(observer, sensor, along, self.folder)
-                refuse_costly(sensor, kind_of(sensor).cost(sensor, way, observer.caster.engine))
+                cost = kind_of(sensor).cost(
+                    sensor, way, "embree"
+                )  # its memory is that of any engine
+                refuse_costly(sensor, cost)
                 job = observer.job(sensor, self.scene, self.folder, way)
                 result = kind_of(sensor).run(job, progress)
             seconds = time.perf_counter() - before
