@@ -96,7 +96,7 @@ PACKAGES = {
 BUDGETS = {
     "forest_addon": (459, 3),
     "forest_addon/acoustics": (1056, 14),
-    "forest_addon/api": (878, 5),
+    "forest_addon/api": (879, 5),
     "forest_addon/base": (384, 12),
     "forest_addon/blender": (4947, 37),
     "forest_addon/drawing": (593, 6),
