@@ -158,9 +158,8 @@ def _planned(
     alike : how many times their root of the sum of squares errors are together, at most.
     """
     low, high = task.ends
-    octave = max(
-        (high - low) / (abs(high) or 1.0), 1e-3
-    )  # powers of the frequency turn by about so much
+    # Powers of the frequency turn by about as much as the band is wide, over its upper end.
+    octave = max((high - low) / (abs(high) or 1.0), 1e-3)
     turn = np.broadcast_to(octave + math.pi * (high - low) * np.abs(reach), loud.shape)
     # Echoes that turn about alike and are about as loud are planned as one.
     alike_in = np.stack([turn, loud / loud.max()]).astype(np.float32).clip(*APART)

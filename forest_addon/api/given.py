@@ -26,9 +26,9 @@ from ..stand.forest import GrownForest
 
 SURELY = 2.0  # times the memory that is free: a run that asks for more is refused, known to a factor of 2
 SENSED, EXPORTED = (
-    4.0,
-    9.5,
-)  # times what trees hold as they grew: in Blender and for rays, and as glTF
+    3.5,
+    7.5,
+)  # times what trees hold as they grew: in Blender and for rays; as glTF too
 KNOWN = 1.25  # to which factor that is known
 LONGEST = 200  # bytes of a file's name, so that a temporary one beside it fits
 

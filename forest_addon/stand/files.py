@@ -53,7 +53,7 @@ LEAST = {"dbh": 0.005, "height": 0.05, "crown_width": 0.03}  # metres, of half t
 # in the median.
 THIN, SLENDER = 0.1, 140.0
 TALL, SLENDEREST = 5.0, 300.0
-MOST_SCALE = 20.0
+MOST_SCALE = 20.0  # beyond, a scale was per cent
 
 
 class ElsewhereError(SpecError):

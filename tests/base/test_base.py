@@ -1,4 +1,4 @@
-"""What all rooms stand on: streams named by their key alone, vectors, digests, what is kept, attitudes."""
+"""Ground that all rooms stand on: streams named by key, vectors, digests, what is kept, attitudes."""
 
 import hashlib
 import math

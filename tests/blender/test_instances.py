@@ -351,7 +351,7 @@ def tree_of(name, variant):
 
 
 def bring(file, kind, name, link):
-    """What File > Append or Link does."""
+    """Append or link from a file, as the File menu does."""
     with bpy.data.libraries.load(str(file), link=link) as (there, here):
         assert name in getattr(there, kind)
         setattr(here, kind, [name])

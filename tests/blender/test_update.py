@@ -140,7 +140,7 @@ def empty():
 
 
 def fresh_of(how, **changes):
-    """What a forest shows that is built in an empty file, which is empty again after it."""
+    """Build a forest in an empty file, empty it again, and return what the forest showed."""
     plant(how, **changes)
     shown = told()
     empty()

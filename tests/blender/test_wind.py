@@ -472,7 +472,7 @@ def blown(scene=VIEWED):
 
 
 def seen(place):
-    """Where the depsgraph has the pieces of each tree, by the tree's number."""
+    """Return the places that the depsgraph gives the pieces of each tree, by the tree's number."""
     found = {}
     for one in bpy.context.evaluated_depsgraph_get().object_instances:
         if one.is_instance and one.parent is not None and TREE_KEY in one.parent.original:
@@ -482,7 +482,7 @@ def seen(place):
 
 
 def pieces_drawn(place):
-    """How many triangles of pieces a view draws."""
+    """Count the triangles of pieces that a view draws."""
     found = 0
     for one in bpy.context.evaluated_depsgraph_get().object_instances:
         if one.is_instance and one.object.type == "MESH":

@@ -168,8 +168,9 @@ class Observer:
 
     def moving_wood(self, moving: MovingCaster) -> MovingCaster:
         """Rays that pass leaves in a scene that moves."""
-        make = lambda: make_moving_caster(moving.moving.solid(), self.rays)  # noqa: E731
-        return self._solid.once(moving, make)
+        return self._solid.once(
+            moving, lambda: make_moving_caster(moving.moving.solid(), self.rays)
+        )
 
     def observe(
         self,

@@ -291,7 +291,7 @@ def killed_while(park, out, *more):
 
 
 def killed(park, out, *more):
-    """What the killed scan had noted, or nothing where it was done before."""
+    """Return the notes of the killed scan, or nothing where it was done before."""
     process = subprocess.Popen(
         words(park, *SCAN, "--out", out, "--chunk", 700, "--quiet", *more), cwd=ROOT
     )
